@@ -1,0 +1,78 @@
+# Every target makes its own environment in .venv: nothing but Python and make is needed.
+# The stamps depend on pyproject.toml and constraints.txt, so that an edit there installs again.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+PINS := pyproject.toml constraints.txt
+
+.PHONY: help calibrate test validate bench docs lint format clean
+.DELETE_ON_ERROR:
+
+help:
+	@echo "make calibrate   fit Young's modulus of the Turek-Hron beam; results in out/"
+	@echo "make test        run the tests"
+	@echo "make validate    run every validation; writes docs/results/validation.json"
+	@echo "make bench       measure speed, ours beside others; writes docs/results/benchmark.json"
+	@echo "make docs        fill the tables, run the notebook, build the pages in docs/_build"
+	@echo "make lint        ruff and the type checker"
+	@echo "make clean       remove the environment and everything that was made"
+
+calibrate: $(VENV)/.calibrate
+	@mkdir -p out
+	$(BIN)/python examples/calibrate_beam.py --out out --json out/calibrate_beam.json $(ARGS)
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest $(ARGS)
+
+validate: $(VENV)/.dev
+	@mkdir -p docs/results
+	$(BIN)/python tests/validation/run.py $(ARGS)
+
+bench: $(VENV)/.bench
+	@mkdir -p docs/results
+	$(BIN)/python tests/benchmarks/run.py $(ARGS)
+
+docs: $(VENV)/.docs
+	$(BIN)/python docs/build.py
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going -b html docs docs/_build/html
+
+lint: $(VENV)/.dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/basedpyright
+
+format: $(VENV)/.dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:
+	rm -rf $(VENV) out build dist *.egg-info docs/_build .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+# Editable installs: the environment runs the files of this tree. An extra once installed stays.
+$(VENV)/bin/python:
+	@echo "creating $(VENV) with $$($(PYTHON) --version)"
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "jaxsph needs Python 3.11 or later: make PYTHON=python3.12 ...")'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.calibrate: $(PINS) | $(VENV)/bin/python
+	@echo "installing jaxsph and what the calibration needs into $(VENV)"
+	$(PIP) --editable '.[plot]'
+	@touch $@
+
+$(VENV)/.dev: $(PINS) | $(VENV)/bin/python
+	@echo "installing jaxsph and the development tools into $(VENV) (a few minutes the first time)"
+	$(PIP) --editable '.[dev]'
+	@touch $@
+
+$(VENV)/.docs: $(PINS) | $(VENV)/bin/python
+	@echo "installing jaxsph and the documentation tools into $(VENV)"
+	$(PIP) --editable '.[docs]'
+	@touch $@
+
+$(VENV)/.bench: $(PINS) | $(VENV)/bin/python
+	@echo "installing jaxsph and the codes it is measured against into $(VENV) (PySPH is compiled: a C++ compiler, minutes)"
+	$(PIP) --editable '.[bench]'
+	@touch $@
