@@ -1,0 +1,180 @@
+"""The last state of a run, every leaf bit for bit, and the fingerprint of the scene that it belongs to.
+
+Two slots are written in turn; the number of the whole one is stored last. A run that is killed while it
+writes slot 1 restarts from slot 0.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+from typing import Any
+
+import h5py
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.files.check import open_for_reading
+
+_NO_STATE = -1
+
+
+def leaves_with_names(tree: Any) -> list[tuple[str, np.ndarray]]:
+    """Leaves of a pytree as NumPy arrays, each with where it stands, e.g. `systems.plate.velocity`."""
+    named = []
+    for path, leaf in jax.tree_util.tree_flatten_with_path(tree)[0]:
+        name = jax.tree_util.keystr(path, simple=True, separator=".") or "value"
+        if isinstance(leaf, jax.Array) and not isinstance(leaf.dtype, np.dtype):
+            raise ValueError(
+                f"leaf {name} is of type {leaf.dtype}: store the numbers that it is made of instead"
+            )
+        value = np.asarray(leaf)
+        if value.dtype.kind not in "biufc" or value.dtype.itemsize == 0:
+            raise ValueError(
+                f"leaf {name} is of type {value.dtype}, HDF5 holds booleans, integers, floats, complex"
+            )
+        named.append((name.replace("/", "|"), value))
+    names = [name for name, _ in named]
+    if len(set(names)) < len(names):
+        twice = sorted({name for name in names if names.count(name) > 1})
+        raise ValueError(f"leaves of the state share a name: {', '.join(twice)}; rename one of the keys")
+    return named
+
+
+def create_slots(file: h5py.File, leaves: list[tuple[str, np.ndarray]]) -> None:
+    """Lay out both slots for a state with these leaves."""
+    group = file.require_group("jaxsph/restart")
+    group.attrs["slot"] = np.int64(_NO_STATE)
+    group.create_dataset("leaves", data=json.dumps([name for name, _ in leaves]))
+    for slot in ("0", "1"):
+        for name, value in leaves:
+            group.create_dataset(f"{slot}/{name}", data=np.zeros_like(value))
+
+
+def write_slot(file: h5py.File, leaves: list[tuple[str, np.ndarray]]) -> int:
+    """Write a state into the slot that is not in use and return its number, for `commit_slot`."""
+    group = file["jaxsph/restart"]
+    slot = 1 if int(group.attrs["slot"]) == 0 else 0
+    for name, value in leaves:
+        if value.size:
+            group[f"{slot}/{name}"][...] = value
+    return slot
+
+
+def commit_slot(file: h5py.File, slot: int) -> None:
+    """Declare a slot whole. The number is overwritten where it stands, in one write."""
+    file["jaxsph/restart"].attrs.modify("slot", np.int64(slot))
+
+
+def fingerprint(tree: Any) -> dict[str, Any]:
+    """Fingerprint of a scene: one hash of everything, and one line per leaf so that a difference can be
+    named.
+
+    Returns `{"hash": str, "structure": str, "leaves": {name: {"dtype", "shape", "hash", "value"}}}`; `value`
+    is there for single numbers. `structure` is the tree without its leaves, with the static fields in it;
+    addresses of functions are left out, so that two processes agree.
+    """
+    leaves = {}
+    for name, value in leaves_with_names(tree):
+        content = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()[:16]
+        leaves[name] = {"dtype": str(value.dtype), "shape": list(value.shape), "hash": content}
+        if value.size == 1 and value.dtype.kind in "biuf":
+            leaves[name]["value"] = repr(value.item())
+    structure = re.sub(r" at 0x[0-9a-fA-F]+", "", str(jax.tree_util.tree_structure(tree)))
+    whole = hashlib.sha256(json.dumps([structure, leaves], sort_keys=True).encode()).hexdigest()
+    return {"hash": whole, "structure": structure, "leaves": leaves}
+
+
+def _differences(found: dict[str, Any], expected: dict[str, Any]) -> list[str]:
+    """What differs between the fingerprint in a file and that of the scene in hand, one phrase per leaf."""
+    said = []
+    for name in sorted(found["leaves"].keys() | expected["leaves"].keys()):
+        there, here = found["leaves"].get(name), expected["leaves"].get(name)
+        if there is None or here is None:
+            said.append(f"{name} is only in {'this scene' if there is None else 'the file'}")
+        elif there != here:
+            kind = next((key for key in ("shape", "dtype", "value") if there.get(key) != here.get(key)), None)
+            was, now = (there.get(kind), here.get(kind)) if kind else ("other numbers", "")
+            said.append(
+                f"{name}: {kind} {was} in the file, {now} in this scene" if kind else f"{name}: {was}"
+            )
+    if not said and found["structure"] != expected["structure"]:
+        said.append(f"the structure: {found['structure']} in the file, {expected['structure']} in this scene")
+    return said
+
+
+def read_state(path: str | os.PathLike[str], like: Any, scene: Any = None) -> Any:
+    """Read the last state of a run for an exact restart: every leaf has the bits that were written.
+
+    Args:
+        path: file that `simulate(..., out=...)` or `TrajectoryWriter` wrote.
+        like: a state of the same scene (an initial state will do); it gives the structure, dtypes and shapes.
+        scene: the scene that continues the run; compared with the fingerprint in the file when given.
+
+    Returns: a pytree like `like`; jax leaves come back as jax arrays, NumPy ones and Python numbers as what
+    they were.
+
+    Raises:
+        FileNotFoundError, ValueError: see `read_trajectory`; no state in the file; another scene (says which
+            leaves differ); other names, shapes or dtypes than `like` has.
+
+    """
+    with open_for_reading(path) as file:
+        if scene is not None:
+            _check_scene(path, file, scene)
+        group = file.get("jaxsph/restart")
+        slot = _NO_STATE if group is None else int(group.attrs["slot"])
+        if group is None or slot == _NO_STATE:
+            raise ValueError(
+                f"{path}: holds a trajectory but no state to restart from; expected /jaxsph/restart with a "
+                "whole state: save with TrajectoryWriter.append(..., state=state)"
+            )
+        template = leaves_with_names(like)
+        stored, wanted = json.loads(group["leaves"].asstr()[()]), [name for name, _ in template]
+        if stored != wanted:
+            missing = [name for name in wanted if name not in stored]
+            extra = [name for name in stored if name not in wanted]
+            raise ValueError(
+                f"{path}: the state in the file has other leaves than `like`: missing {missing or 'none'}, "
+                f"not asked for {extra or 'none'}; give the initial state of the scene that wrote the file"
+            )
+        values = []
+        for name, expected in template:
+            dataset = group[f"{slot}/{name}"]
+            if dataset.shape != expected.shape or dataset.dtype != expected.dtype:
+                raise ValueError(
+                    f"{path}: {name} has shape {dataset.shape} and type {dataset.dtype}, `like` has "
+                    f"{expected.shape} and {expected.dtype}; build the scene with the resolution and the "
+                    "precision of the file"
+                )
+            values.append(np.asarray(dataset[()]))
+    leaves, structure = jax.tree_util.tree_flatten(like)
+    return jax.tree_util.tree_unflatten(
+        structure, [_as(leaf, v) for leaf, v in zip(leaves, values, strict=True)]
+    )
+
+
+def _as(leaf: Any, value: np.ndarray) -> Any:
+    if isinstance(leaf, jax.Array):
+        return jnp.asarray(value)
+    if isinstance(leaf, np.ndarray):
+        return value
+    return value[()] if isinstance(leaf, np.generic) else type(leaf)(value.item())
+
+
+def _check_scene(path: str | os.PathLike[str], file: h5py.File, scene: Any) -> None:
+    if "jaxsph/fingerprint" not in file:
+        raise ValueError(
+            f"{path}: no fingerprint of the scene to compare with; read the state without `scene`"
+        )
+    found, expected = json.loads(file["jaxsph/fingerprint"].asstr()[()]), fingerprint(scene)
+    if found["hash"] != expected["hash"]:
+        said = _differences(found, expected)
+        more = f" and {len(said) - 5} more" if len(said) > 5 else ""
+        raise ValueError(
+            f"{path}: written by another scene than this one; {'; '.join(said[:5])}{more}. An exact restart "
+            "needs the same scene; to go on with other values on purpose, leave out `scene`"
+        )

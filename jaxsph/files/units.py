@@ -1,0 +1,65 @@
+"""Units of the fields and parameters that a file holds (SI), and the list of a scene's parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import numpy as np
+
+UNITS: Mapping[str, str] = {
+    "position": "m",
+    "reference_position": "m",
+    "displacement": "m",
+    "spacing": "m",
+    "smoothing_length": "m",
+    "velocity": "m/s",
+    "sound_speed": "m/s",
+    "acceleration": "m/s^2",
+    "gravity": "m/s^2",
+    "density": "kg/m^3",
+    "mass": "kg",
+    "volume": "m^3",
+    "pressure": "Pa",
+    "stress": "Pa",
+    "von_mises": "Pa",
+    "von_mises_stress": "Pa",
+    "cauchy": "Pa",
+    "cauchy_stress": "Pa",
+    "first_piola_kirchhoff_stress": "Pa",
+    "youngs_modulus": "Pa",
+    "background_pressure": "Pa",
+    "poisson_ratio": "1",
+    "deformation_gradient": "1",
+    "dynamic_viscosity": "Pa s",
+    "viscosity": "Pa s",
+    "kinematic_viscosity": "m^2/s",
+    "time": "s",
+    "time_step": "s",
+    "force": "N",
+    "energy": "J",
+    "temperature": "K",
+}
+"""Unit of each field and parameter by its name; "1" is dimensionless."""
+
+_LARGEST_LISTED = 16
+
+
+def parameters(tree: Any, units: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
+    """List the small leaves of a scene as `{"name", "value", "unit"}`, ready for JSON.
+
+    `name` is where the leaf stands in the tree, `unit` comes from the last word of that name (`units` first,
+    then `UNITS`, else ""). Leaves of more than 16 numbers (particle arrays) are left out: the scene's
+    fingerprint covers them.
+    """
+    known = {**UNITS, **(units or {})}
+    listed = []
+    for path, leaf in jax.tree_util.tree_flatten_with_path(tree)[0]:
+        value = np.asarray(leaf)
+        if value.size <= _LARGEST_LISTED and value.dtype.kind in "biuf":
+            name = jax.tree_util.keystr(path, simple=True, separator=".")
+            listed.append(
+                {"name": name, "value": value.tolist(), "unit": known.get(name.rsplit(".", 1)[-1], "")}
+            )
+    return listed
