@@ -8,6 +8,8 @@ from pathlib import Path
 
 import h5py
 
+from jaxsph.files import hdf5
+
 FORMAT_VERSION = 1
 """Version of the `/jaxsph` group; it changes when an older reader would misread the file."""
 
@@ -59,7 +61,7 @@ def _check_groups(path: Path, file: h5py.File) -> None:
                 f"{path}: group /{group} is missing (found at the top: {found}); expected a trajectory "
                 "written by jaxsph: other VTKHDF files open in ParaView, not here"
             )
-    version = int(file["jaxsph"].attrs.get("format_version", -1))
+    version = int(hdf5.attribute(file, "jaxsph", "format_version"))
     if version != FORMAT_VERSION:
         by = file["jaxsph"].attrs.get("jaxsph_version", "an unknown version")
         raise ValueError(

@@ -13,62 +13,15 @@ a hole: it takes no disk space on file systems with sparse files.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import h5py
 import numpy as np
 
+from jaxsph.files import hdf5
+from jaxsph.files.columns import Column
+
 POINTS = "VTKHDF/Points"
 _TOPOLOGIES = ("Vertices", "Lines", "Polygons", "Strips")
-
-
-@dataclass(frozen=True)
-class Column:
-    """One point array of the file: where it comes from and how it is stored."""
-
-    field: str
-    """Name of the field in jaxsph, e.g. `von_mises`."""
-    components: tuple[int, ...]
-    """() for a scalar, (d,) for a vector, (d, d) for a tensor; in the file 1, 3 and 9 components."""
-    dtype: np.dtype
-    unit: str
-    systems: tuple[str, ...]
-    """The systems that have this field; the others hold NaN (-1 for integers)."""
-
-    @property
-    def stored_shape(self) -> tuple[int, ...]:
-        """Components in the file: vectors always have 3, tensors 9 (row by row), as VTK wants them."""
-        return ((), (3,), (9,))[len(self.components)]
-
-    @property
-    def absent(self) -> float | int:
-        """What particles hold that do not have this field."""
-        return np.nan if self.dtype.kind == "f" else -1
-
-
-def vtk_name(field: str) -> str:
-    """Name of a field in the file: `von_mises` is `VonMises`."""
-    return "".join(word[:1].upper() + word[1:] for word in field.split("_"))
-
-
-def to_stored(value: np.ndarray, column: Column) -> np.ndarray:
-    """Bring (N,), (N, d) or (N, d, d) to the components of the file; components beyond d are 0."""
-    count, rank = value.shape[0], len(column.components)
-    if rank == 0:
-        return value.astype(column.dtype)
-    stored = np.zeros((count, *(3,) * rank), column.dtype)
-    stored[(slice(None), *(slice(0, n) for n in column.components))] = value
-    return stored.reshape(count, *column.stored_shape)
-
-
-def from_stored(stored: np.ndarray, components: tuple[int, ...]) -> np.ndarray:
-    """Undo `to_stored` for an array with any leading axes."""
-    rank = len(components)
-    if rank == 0:
-        return stored
-    lead = stored.shape[:-1]
-    full = stored.reshape(*lead, *(3,) * rank)
-    return full[(..., *(slice(0, n) for n in components))]
 
 
 def create(
@@ -123,18 +76,18 @@ def commit(file: h5py.File, saved: int, time: float) -> None:
     NSteps goes first: VTK overruns its memory when Values is the longer one. A run that is killed between the
     two leaves a last step without a time, which `read_trajectory` does not count.
     """
-    steps = file["VTKHDF/Steps"]
-    steps.attrs.modify("NSteps", np.int64(saved))
+    hdf5.group(file, "VTKHDF/Steps").attrs.modify("NSteps", np.int64(saved))
     file.flush()
-    steps["Values"].resize((saved,))
-    steps["Values"][saved - 1] = time
+    times = hdf5.dataset(file, "VTKHDF/Steps/Values")
+    times.resize((saved,))
+    times[saved - 1] = time
     file.flush()
 
 
 def committed(file: h5py.File) -> int:
     """Number of valid saves."""
-    steps = file["VTKHDF/Steps"]
-    return min(int(steps.attrs["NSteps"]), len(steps["Values"]))
+    steps = int(hdf5.attribute(file, "VTKHDF/Steps", "NSteps"))
+    return min(steps, len(hdf5.dataset(file, "VTKHDF/Steps/Values")))
 
 
 def _reserve(file: h5py.File, name: str, shape: tuple[int, ...], dtype: np.dtype) -> None:

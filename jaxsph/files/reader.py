@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 from typing import Any
 
 import numpy as np
 
-from jaxsph.files import layout
+from jaxsph.files import columns, hdf5, layout
 from jaxsph.files.check import open_for_reading
 
 Fields = dict[str, dict[str, np.ndarray]]
@@ -30,35 +29,38 @@ def read_trajectory(path: str | os.PathLike[str]) -> tuple[np.ndarray, Fields, d
 
     """
     with open_for_reading(path) as file:
-        root, about = file["VTKHDF"], file["jaxsph"]
         saves = layout.committed(file)
-        sizes = json.loads(about["systems"].asstr()[()])
-        fields = json.loads(about["fields"].asstr()[()])
-        dimension = int(about.attrs["dimension"])
+        sizes = hdf5.from_json(file, "jaxsph/systems")
+        fields = hdf5.from_json(file, "jaxsph/fields")
+        dimension = int(hdf5.attribute(file, "jaxsph", "dimension"))
         count = sum(sizes.values())
 
         def saved(name: str, components: tuple[int, ...]) -> np.ndarray:
-            stored = root[name][: saves * count]
-            return layout.from_stored(stored.reshape(saves, count, *stored.shape[1:]), components)
+            stored = np.asarray(hdf5.dataset(file, name)[: saves * count])
+            return columns.from_stored(stored.reshape(saves, count, *stored.shape[1:]), components)
 
         starts = np.cumsum([0, *sizes.values()])
         part = {name: slice(starts[i], starts[i + 1]) for i, name in enumerate(sizes)}
-        points = saved("Points", (dimension,))
+        points = saved(layout.POINTS, (dimension,))
         systems: Fields = {name: {"position": points[:, part[name]]} for name in sizes}
         for name, said in fields.items():
-            values = saved(f"PointData/{name}", tuple(said["components"]))
+            values = saved(f"VTKHDF/PointData/{name}", tuple(said["components"]))
             for system in said["systems"]:
                 systems[system][said["field"]] = values[:, part[system]]
+        about = {key: hdf5.attribute(file, "jaxsph", key) for key in ("precision", "created")}
+        versions = {
+            name: hdf5.attribute(file, "jaxsph", f"{name}_version")
+            for name in ("jaxsph", "jax", "numpy", "python")
+        }
         metadata = {
-            **json.loads(about["metadata"].asstr()[()]),
-            "versions": {
-                name: about.attrs[f"{name}_version"] for name in ("jaxsph", "jax", "numpy", "python")
-            },
-            "precision": about.attrs["precision"],
-            "created": about.attrs["created"],
+            **hdf5.from_json(file, "jaxsph/metadata"),
+            **about,
+            "versions": versions,
             "dimension": dimension,
             "units": {"position": "m", **{said["field"]: said["unit"] for said in fields.values()}},
             "systems": sizes,
-            "reference_positions": {name: about[f"reference_positions/{name}"][()] for name in sizes},
+            "reference_positions": {
+                name: hdf5.array(file, f"jaxsph/reference_positions/{name}") for name in sizes
+            },
         }
-        return root["Steps/Values"][:saves], systems, metadata
+        return hdf5.array(file, "VTKHDF/Steps/Values")[:saves], systems, metadata

@@ -17,12 +17,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsph.files import hdf5
 from jaxsph.files.check import open_for_reading
 
 _NO_STATE = -1
 
+Leaves = list[tuple[str, np.ndarray]]
+"""Leaves of a pytree with where each stands."""
 
-def leaves_with_names(tree: Any) -> list[tuple[str, np.ndarray]]:
+
+def leaves_with_names(tree: Any) -> Leaves:
     """Leaves of a pytree as NumPy arrays, each with where it stands, e.g. `systems.plate.velocity`."""
     named = []
     for path, leaf in jax.tree_util.tree_flatten_with_path(tree)[0]:
@@ -44,7 +48,7 @@ def leaves_with_names(tree: Any) -> list[tuple[str, np.ndarray]]:
     return named
 
 
-def create_slots(file: h5py.File, leaves: list[tuple[str, np.ndarray]]) -> None:
+def create_slots(file: h5py.File, leaves: Leaves) -> None:
     """Lay out both slots for a state with these leaves."""
     group = file.require_group("jaxsph/restart")
     group.attrs["slot"] = np.int64(_NO_STATE)
@@ -54,19 +58,25 @@ def create_slots(file: h5py.File, leaves: list[tuple[str, np.ndarray]]) -> None:
             group.create_dataset(f"{slot}/{name}", data=np.zeros_like(value))
 
 
-def write_slot(file: h5py.File, leaves: list[tuple[str, np.ndarray]]) -> int:
+def write_slot(file: h5py.File, leaves: Leaves) -> int:
     """Write a state into the slot that is not in use and return its number, for `commit_slot`."""
-    group = file["jaxsph/restart"]
-    slot = 1 if int(group.attrs["slot"]) == 0 else 0
+    slot = 1 if int(hdf5.attribute(file, "jaxsph/restart", "slot")) == 0 else 0
     for name, value in leaves:
         if value.size:
-            group[f"{slot}/{name}"][...] = value
+            hdf5.dataset(file, f"jaxsph/restart/{slot}/{name}")[...] = value
     return slot
 
 
 def commit_slot(file: h5py.File, slot: int) -> None:
     """Declare a slot whole. The number is overwritten where it stands, in one write."""
-    file["jaxsph/restart"].attrs.modify("slot", np.int64(slot))
+    hdf5.group(file, "jaxsph/restart").attrs.modify("slot", np.int64(slot))
+
+
+def changed_leaves(then: Leaves, now: Leaves) -> list[str]:
+    """Names of leaves that only one of two states has, or that differ in shape or type."""
+    kinds = ({(name, str(v.dtype), v.shape) for name, v in leaves} for leaves in (then, now))
+    before, after = kinds
+    return sorted({name for name, _, _ in before ^ after})
 
 
 def fingerprint(tree: Any) -> dict[str, Any]:
@@ -125,15 +135,15 @@ def read_state(path: str | os.PathLike[str], like: Any, scene: Any = None) -> An
     with open_for_reading(path) as file:
         if scene is not None:
             _check_scene(path, file, scene)
-        group = file.get("jaxsph/restart")
-        slot = _NO_STATE if group is None else int(group.attrs["slot"])
-        if group is None or slot == _NO_STATE:
+        held = "jaxsph/restart" in file
+        slot = int(hdf5.attribute(file, "jaxsph/restart", "slot")) if held else _NO_STATE
+        if slot == _NO_STATE:
             raise ValueError(
                 f"{path}: holds a trajectory but no state to restart from; expected /jaxsph/restart with a "
                 "whole state: save with TrajectoryWriter.append(..., state=state)"
             )
         template = leaves_with_names(like)
-        stored, wanted = json.loads(group["leaves"].asstr()[()]), [name for name, _ in template]
+        stored, wanted = hdf5.from_json(file, "jaxsph/restart/leaves"), [name for name, _ in template]
         if stored != wanted:
             missing = [name for name in wanted if name not in stored]
             extra = [name for name in stored if name not in wanted]
@@ -143,14 +153,14 @@ def read_state(path: str | os.PathLike[str], like: Any, scene: Any = None) -> An
             )
         values = []
         for name, expected in template:
-            dataset = group[f"{slot}/{name}"]
-            if dataset.shape != expected.shape or dataset.dtype != expected.dtype:
+            value = hdf5.array(file, f"jaxsph/restart/{slot}/{name}")
+            if value.shape != expected.shape or value.dtype != expected.dtype:
                 raise ValueError(
-                    f"{path}: {name} has shape {dataset.shape} and type {dataset.dtype}, `like` has "
+                    f"{path}: {name} has shape {value.shape} and type {value.dtype}, `like` has "
                     f"{expected.shape} and {expected.dtype}; build the scene with the resolution and the "
                     "precision of the file"
                 )
-            values.append(np.asarray(dataset[()]))
+            values.append(value)
     leaves, structure = jax.tree_util.tree_flatten(like)
     return jax.tree_util.tree_unflatten(
         structure, [_as(leaf, v) for leaf, v in zip(leaves, values, strict=True)]
@@ -170,7 +180,7 @@ def _check_scene(path: str | os.PathLike[str], file: h5py.File, scene: Any) -> N
         raise ValueError(
             f"{path}: no fingerprint of the scene to compare with; read the state without `scene`"
         )
-    found, expected = json.loads(file["jaxsph/fingerprint"].asstr()[()]), fingerprint(scene)
+    found, expected = hdf5.from_json(file, "jaxsph/fingerprint"), fingerprint(scene)
     if found["hash"] != expected["hash"]:
         said = _differences(found, expected)
         more = f" and {len(said) - 5} more" if len(said) > 5 else ""
