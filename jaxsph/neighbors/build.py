@@ -1,0 +1,260 @@
+"""Allocate and update neighbor lists."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from jaxsph.neighbors import jax_md
+from jaxsph.neighbors.cells import CellGrid, cell_order
+from jaxsph.neighbors.domain import Domain
+from jaxsph.neighbors.lists import NeighborList, raise_if_wrong, require_senders
+from jaxsph.neighbors.search import Capacity, count_neighbors, find_neighbors, index_cells, widest_ranges
+from jaxsph.pytree import is_concrete, replace
+
+BUILDERS = ("cells", "jax-md")
+
+
+@dataclasses.dataclass(frozen=True)
+class NeighborSearch:
+    """How neighbors are searched; made by `neighbor_list`. Hashable, holds no arrays."""
+
+    domain: Domain
+    cutoff: float
+    skin: float
+    capacity_multiplier: float
+    builder: str
+    grid: CellGrid
+
+    def allocate(self, positions: Float[Array, "d n"], senders: Float[Array, "d m"] | None = None) -> NeighborList:
+        """Build a list and choose the sizes of its arrays from the data. Outside jit.
+
+        Args:
+            positions: of the receivers, component first (d, N) [m].
+            senders: of the second set (d, M); None for the neighbors of a set in itself, itself excluded.
+
+        Raises:
+            ValueError: wrong shapes or types, no particles, or called inside jit.
+            ParticleOutside: a particle beyond a free boundary, or a position that is NaN.
+        """
+        if not is_concrete(positions, senders):
+            raise ValueError(
+                "allocate chooses array sizes from the positions and cannot run inside jit, grad or vmap; "
+                "allocate before, and call update(positions, neighbors) inside"
+            )
+        positions = self._checked(positions, "positions")
+        senders = None if senders is None else self._checked(senders, "senders", positions.dtype)
+        # Sizes chosen for particles outside would be meaningless, so the sets are looked at first.
+        blank = self._blank(positions, senders, Capacity(1, 1, 1))
+        raise_if_wrong(_outside_flags(blank, positions, senders))
+        if self.builder == "jax-md":
+            return jax_md.allocate(self, blank, positions)
+        neighbors = self._blank(positions, senders, _capacity(self.grid, positions, senders, self.capacity_multiplier))
+        if senders is not None:
+            turned = _capacity(self.grid, senders, positions, self.capacity_multiplier)
+            neighbors = replace(neighbors, transpose=self._blank(senders, None, turned))
+        return _update_jit(self, positions, neighbors, senders)
+
+    def update(
+        self,
+        positions: Float[Array, "d n"],
+        neighbors: NeighborList,
+        senders: Float[Array, "d m"] | None = None,
+        in_cell_order: bool = False,
+    ) -> NeighborList:
+        """Build the list again for new positions, with the arrays' sizes as they are. Works inside jit.
+
+        It always rebuilds: whether that is needed is `is_valid`'s answer. Derivatives with respect to positions
+        stop here.
+
+        Args:
+            positions: of the receivers (d, N) [m].
+            neighbors: a list of the same number of particles.
+            senders: of the second set (d, M), if the list has one.
+            in_cell_order: promise that the particles (of both sets) have been permuted with `sort`, which
+                makes the search faster. A broken promise is flagged.
+
+        Returns:
+            The list. Its flags are those of this build and of all before it.
+
+        Raises:
+            ValueError: shapes, types or number of sets that do not fit the list.
+        """
+        require_senders(neighbors.transpose is not None, senders)
+        if neighbors.grid != self.grid or neighbors.builder != self.builder:
+            raise ValueError(
+                f"the list was built with cutoff={neighbors.cutoff}, skin={neighbors.skin}, builder={neighbors.builder!r} "
+                f"in {neighbors.grid.domain}; this search has cutoff={self.cutoff}, skin={self.skin}, "
+                f"builder={self.builder!r} in {self.domain}; allocate a list with this search"
+            )
+        positions = self._checked(positions, "positions", neighbors.reference.dtype, neighbors.reference.shape)
+        if senders is not None:
+            like = neighbors.transpose.reference  # type: ignore[union-attr]
+            senders = self._checked(senders, "senders", like.dtype, like.shape)
+        positions, senders = jax.lax.stop_gradient((positions, senders))
+        flagged = _outside_flags(neighbors, positions, senders)
+        if self.builder == "jax-md":
+            return jax_md.update(self, flagged, positions)
+        return _rebuilt(self.grid, flagged, positions, senders, in_cell_order)
+
+    def sort(self, positions: Float[Array, "d n"]) -> Int[Array, " n"]:
+        """The permutation that puts particles in cell order. Works inside jit.
+
+        Particles that are near each other in space are then near each other in memory, which makes the search and
+        everything that gathers from neighbors faster. Permute all fields of a set with it, its identities too:
+        `identity = identity[permutation]`; the caller's order comes back with `field.at[identity].set(sorted)`.
+        """
+        return cell_order(self.grid, self._checked(positions, "positions"))
+
+    def _checked(self, positions, name, dtype=None, shape=None):
+        positions = jnp.asarray(positions)
+        if not jnp.issubdtype(positions.dtype, jnp.floating):
+            raise ValueError(f"{name} must be real numbers, got {positions.dtype}")
+        if positions.ndim != 2 or positions.shape[0] != self.domain.dimension or positions.shape[1] == 0:
+            raise ValueError(
+                f"{name} has shape {positions.shape}; it must be component first, ({self.domain.dimension}, N) with "
+                "at least one particle"
+            )
+        if (dtype is not None and positions.dtype != dtype) or (shape is not None and positions.shape != shape):
+            raise ValueError(
+                f"{name} is {positions.dtype} of shape {positions.shape}; expected {dtype}"
+                + (f" of shape {shape}, as in the list; allocate a new list if the set changed" if shape else "")
+            )
+        return positions
+
+    def _blank(self, positions, senders, capacity: Capacity) -> NeighborList:
+        """A list of these sizes, still empty."""
+        n = positions.shape[1]
+        transpose = None if senders is None else self._blank(senders, None, capacity)
+        return NeighborList(
+            indices=jnp.zeros((capacity.slots, n), jnp.int32),
+            count=jnp.zeros(n, jnp.int32),
+            transpose=transpose,
+            reference=positions,
+            needed_slots=jnp.int32(0),
+            needed_range=jnp.zeros(2, jnp.int32),
+            outside=jnp.int32(-1),
+            outside_position=jnp.zeros(positions.shape[0], positions.dtype),
+            out_of_order=jnp.asarray(False),
+            grid=self.grid,
+            cutoff=self.cutoff,
+            skin=self.skin,
+            capacity=capacity,
+            builder=self.builder,
+        )
+
+
+def neighbor_list(
+    domain: Domain,
+    cutoff: float,
+    skin: float = 0.0,
+    capacity_multiplier: float = 1.25,
+    builder: str = "cells",
+) -> NeighborSearch:
+    """Neighbor search in a domain, after the conventions of jax-md's `partition.neighbor_list`.
+
+    Args:
+        domain: the box.
+        cutoff: distance up to which pairs interact, the support radius of the kernel [m].
+        skin: additional distance [m] (jax-md's `dr_threshold`). The list holds the pairs closer than
+            cutoff + skin and stays valid while twice the largest displacement is below the skin.
+        capacity_multiplier: arrays are made larger by this factor than the data need at allocation.
+        builder: "cells", or "jax-md" (slower; one set only; needs the extra `jax-md`).
+
+    Returns:
+        A `NeighborSearch` with the functions `allocate`, `update` and `sort`.
+
+    Raises:
+        ValueError: cutoff not positive, skin negative, multiplier below 1, unknown builder, or a periodic axis
+            shorter than twice cutoff + skin.
+        ImportError: builder "jax-md" without jax-md.
+    """
+    if not (cutoff > 0 and math.isfinite(cutoff)):
+        raise ValueError(f"cutoff={cutoff} must be positive and finite [m]")
+    if not (skin >= 0 and math.isfinite(skin)):
+        raise ValueError(f"skin={skin} must be finite and not negative [m]")
+    if not (capacity_multiplier >= 1 and math.isfinite(capacity_multiplier)):
+        raise ValueError(f"capacity_multiplier={capacity_multiplier} must be at least 1")
+    if builder not in BUILDERS:
+        raise ValueError(f"builder={builder!r} is not known; choose one of {BUILDERS}")
+    if builder == "jax-md":
+        jax_md.load()
+    cutoff, skin = float(cutoff), float(skin)
+    grid = CellGrid.covering(domain, cutoff + skin)
+    return NeighborSearch(domain, cutoff, skin, float(capacity_multiplier), builder, grid)
+
+
+@partial(jax.jit, static_argnums=0)
+def _update_jit(search, positions, neighbors, senders):
+    return search.update(positions, neighbors, senders)
+
+
+def _rebuilt(grid, neighbors, positions, senders, in_cell_order):
+    indexed = index_cells(grid, positions, in_cell_order)
+    if neighbors.transpose is None:
+        permutation, _, _, _ = indexed
+        return _filled(grid, neighbors, positions, indexed, _places(permutation, positions.shape[1]))
+    transpose = neighbors.transpose
+    forward = _filled(grid, neighbors, positions, index_cells(grid, senders, in_cell_order), None)
+    return replace(forward, transpose=_filled(grid, transpose, senders, indexed, None))
+
+
+def _filled(grid, neighbors, receivers, indexed_senders, own):
+    """The list of these receivers, with its flags brought up to date."""
+    permutation, sorted_senders, starts, ordered = indexed_senders
+    indices, count, width, width_round = find_neighbors(
+        grid, receivers, sorted_senders, starts, permutation, own, neighbors.capacity
+    )
+    return replace(
+        neighbors,
+        indices=indices,
+        count=jnp.minimum(count, neighbors.capacity.slots),
+        reference=receivers,
+        needed_slots=jnp.maximum(neighbors.needed_slots, jnp.max(count)),
+        needed_range=jnp.maximum(neighbors.needed_range, jnp.stack([width, width_round])),
+        out_of_order=neighbors.out_of_order | ~ordered,
+    )
+
+
+def _places(permutation, n):
+    """Where each particle stands in cell order: the inverse of the permutation."""
+    standing = jnp.arange(n, dtype=jnp.int32)
+    if permutation is None:
+        return standing
+    return jnp.zeros(n, jnp.int32).at[permutation].set(standing, unique_indices=True, mode="promise_in_bounds")
+
+
+def _outside_flags(neighbors: NeighborList, positions, senders) -> NeighborList:
+    """The list with the first particle outside noted, unless one has been already."""
+    contained = neighbors.grid.domain.contains(positions)
+    first = jnp.argmin(contained)
+    is_news = ~contained[first] & (neighbors.outside < 0)
+    if neighbors.transpose is not None:
+        neighbors = replace(neighbors, transpose=_outside_flags(neighbors.transpose, senders, None))
+    return replace(
+        neighbors,
+        outside=jnp.where(is_news, first.astype(jnp.int32), neighbors.outside),
+        outside_position=jnp.where(is_news, positions[:, first], neighbors.outside_position),
+    )
+
+
+def _capacity(grid: CellGrid, receivers, senders, multiplier: float) -> Capacity:
+    """Sizes for these positions with a reserve. Two small compilations, then numbers."""
+    candidates = receivers if senders is None else senders
+    _, sorted_senders, starts, _ = indexed = jax.jit(index_cells, static_argnums=(0, 2))(grid, candidates, False)
+    widths = jax.jit(widest_ranges, static_argnums=0)(grid, receivers, starts)
+    with_reserve = [math.ceil(int(width) * multiplier) for width in widths]
+    n_candidates = candidates.shape[1]
+    ranges = [min(max(width, 1), n_candidates) for width in with_reserve]
+    own = _places(indexed[0], n_candidates) if senders is None else None
+    exact = Capacity(1, max(int(widths[0]), 1), max(int(widths[1]), 1))
+    count = jax.jit(count_neighbors, static_argnums=(0, 5))(grid, receivers, sorted_senders, starts, own, exact)
+    most = n_candidates - (senders is None)
+    slots = min(math.ceil(int(np.max(count)) * multiplier), most)
+    return Capacity(max(slots, 1), ranges[0], ranges[1] if grid.goes_round else 0)

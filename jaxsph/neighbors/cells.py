@@ -1,0 +1,204 @@
+"""Cells: how particles are sorted so that all candidates of a particle are a few contiguous ranges."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jaxsph.neighbors.domain import Domain
+
+CELLS_AT_MOST = 2**20  # more would cost more to count than they save; 4 MB
+
+
+@dataclasses.dataclass(frozen=True)
+class CellGrid:
+    """A grid of cells over a domain, the same for every set of particles.
+
+    Cells form rows along one axis, in which they are numbered consecutively. In particles sorted by cell
+    number, the candidates of a particle are one contiguous range for each row nearby, or two where a
+    periodic row goes round. Cells are finer than the reach of the search: across, half of it, so that the ranges
+    hug the sphere and one machine word holds a range; along the row a quarter, which costs nothing.
+
+    Attributes:
+        domain: the box.
+        reach: distance within which pairs are found, cutoff + skin [m].
+        cells: number of cells along each axis of the domain.
+        spans: how many cells the reach extends over, along each axis.
+        along: the axis of the rows.
+    """
+
+    domain: Domain
+    reach: float
+    cells: tuple[int, ...]
+    spans: tuple[int, ...]
+    along: int
+
+    @classmethod
+    def covering(cls, domain: Domain, reach: float, fineness: tuple[int, int] = (2, 4)) -> CellGrid:
+        """The grid whose cells measure at least reach / fineness, across and along the rows.
+
+        Raises ValueError if a periodic axis is shorter than twice the reach, where a particle would meet two
+        images of the same neighbor.
+        """
+        for axis, length in enumerate(domain.lengths):
+            if domain.periodic[axis] and length < 2 * reach:
+                raise ValueError(
+                    f"the support radius is too large for the box: cutoff + skin = {reach:.6g} m, but along the "
+                    f"periodic axis {axis} the domain is {length:.6g} m long and must be at least twice that, "
+                    f"{2 * reach:.6g} m; lengthen the domain, or reduce the particle spacing or the skin"
+                )
+        # A periodic row has a second range for each particle, a free one does not; prefer a free axis, the last one.
+        along = max(range(domain.dimension), key=lambda axis: (not domain.periodic[axis], axis))
+        across, lengthwise = fineness
+        while True:
+            spans = tuple(lengthwise if axis == along else across for axis in range(domain.dimension))
+            cells = tuple(
+                _cells_of_axis(length, reach / span) for length, span in zip(domain.lengths, spans, strict=True)
+            )
+            if math.prod(cells) <= CELLS_AT_MOST:
+                return cls(domain, reach, cells, spans, along)
+            if across > 1 or lengthwise > 1:
+                across, lengthwise = max(across // 2, 1), max(lengthwise // 2, 1)
+            else:
+                return cls(domain, reach, _coarsened(cells), spans, along)
+
+    @property
+    def number_of_cells(self) -> int:
+        """Number of all cells."""
+        return math.prod(self.cells)
+
+    @property
+    def across(self) -> tuple[int, ...]:
+        """The axes across the rows."""
+        return tuple(axis for axis in range(self.domain.dimension) if axis != self.along)
+
+    @property
+    def goes_round(self) -> bool:
+        """Whether a particle's candidates in a row can be two ranges, one at each end of a periodic row."""
+        return self.domain.periodic[self.along] and 2 * self.spans[self.along] + 1 < self.cells[self.along]
+
+    @property
+    def row_offsets(self) -> tuple[tuple[int, ...], ...]:
+        """Steps across to every row that can hold candidates."""
+        steps = []
+        for axis in self.across:
+            span, cells = self.spans[axis], self.cells[axis]
+            if self.domain.periodic[axis] and 2 * span + 1 >= cells:
+                steps.append(range(cells))  # every cell is near, each must come once
+            else:
+                steps.append(range(-min(span, cells - 1), min(span, cells - 1) + 1))
+        return tuple(itertools.product(*steps))
+
+    def coordinates(self, positions: Float[Array, "d n"]) -> Int[Array, "d n"]:
+        """Cell of each particle along each axis. Outside and NaN give some cell: `Domain.contains` tells them."""
+        rows = []
+        for axis, x in enumerate(self.domain.wrap(positions)):
+            scaled = (x - self.domain.lower[axis]) * (self.cells[axis] / self.domain.lengths[axis])
+            clipped = jnp.clip(jnp.floor(scaled), 0, self.cells[axis] - 1)  # before the conversion: it can overflow
+            rows.append(jnp.clip(clipped.astype(jnp.int32), 0, self.cells[axis] - 1))
+        return jnp.stack(rows)
+
+    def number(self, coordinates: Int[Array, "d n"]) -> Int[Array, " n"]:
+        """Number of a cell from its coordinates: consecutive along the rows."""
+        return self._row(tuple(coordinates[axis] for axis in self.across)) * self.cells[self.along] + (
+            coordinates[self.along]
+        )
+
+    def starts(self, sorted_numbers: Int[Array, " n"]) -> Int[Array, " cells_and_one"]:
+        """First particle of each cell among particles sorted by cell, and the number of particles at the end."""
+        counts = jnp.zeros(self.number_of_cells + 1, jnp.int32)
+        counts = counts.at[sorted_numbers + 1].add(1, mode="promise_in_bounds", indices_are_sorted=True)
+        return jnp.cumsum(counts, dtype=jnp.int32)
+
+    def ranges(self, coordinates: Int[Array, "d n"], starts: Int[Array, " cells_and_one"]):
+        """Candidate ranges [first, last) of particles in these cells: for each row nearby, and for its far end.
+
+        Returns (first, last, first_round, last_round), each (rows, n); the last two are None unless `goes_round`.
+        """
+        n_along, span = self.cells[self.along], self.spans[self.along]
+        c = coordinates[self.along]
+        if self.domain.periodic[self.along] and not self.goes_round:
+            low, high = jnp.zeros_like(c), jnp.full_like(c, n_along - 1)
+        else:
+            low, high = jnp.maximum(c - span, 0), jnp.minimum(c + span, n_along - 1)
+        pieces = [(low, high + 1)]
+        if self.goes_round:
+            below, above = c < span, c > n_along - 1 - span
+            pieces.append(
+                (
+                    jnp.where(below, c - span + n_along, 0),
+                    jnp.where(below, n_along, jnp.where(above, c + span + 1 - n_along, 0)),
+                )
+            )
+        found = [([], []) for _ in pieces]
+        for offset in self.row_offsets:
+            row, exists = self._row_nearby(coordinates, offset)
+            for (low, high), (first, last) in zip(pieces, found, strict=True):
+                begin = starts.at[row * n_along + low].get(mode="promise_in_bounds")
+                end = starts.at[row * n_along + high].get(mode="promise_in_bounds")
+                first.append(begin)
+                last.append(jnp.where(exists, end, begin))
+        stacked = [jnp.stack(part) for piece in found for part in piece]
+        return tuple(stacked) if self.goes_round else (*stacked, None, None)
+
+    def _row(self, across):
+        row = jnp.zeros_like(across[0])
+        for axis, coordinate in zip(self.across, across, strict=True):
+            row = row * self.cells[axis] + coordinate
+        return row
+
+    def _row_nearby(self, coordinates, offset):
+        """Number of the row at this offset, and whether it exists; if not, some row in its place."""
+        across, exists = [], jnp.ones(coordinates.shape[1:], bool)
+        for axis, step in zip(self.across, offset, strict=True):
+            cells = self.cells[axis]
+            c = coordinates[axis] + step
+            if self.domain.periodic[axis]:
+                c = jnp.where(c < 0, c + cells, jnp.where(c >= cells, c - cells, c))
+            else:
+                exists &= (c >= 0) & (c < cells)
+                c = jnp.clip(c, 0, cells - 1)
+            across.append(c)
+        return self._row(across), exists
+
+
+def cell_order(grid: CellGrid, positions: Float[Array, "d n"]) -> Int[Array, " n"]:
+    """The permutation that sorts particles by cell; particles of one cell keep their order.
+
+    XLA sorts a single array of integers four to seven times faster than keys with a payload. So the cell and the
+    particle are packed into one 32-bit key, and if they do not fit, the cell is sorted digit by digit.
+    """
+    n = positions.shape[1]
+    particle_bits = max((n - 1).bit_length(), 1)
+    cell_bits = (grid.number_of_cells - 1).bit_length()
+    digit_bits = 32 - particle_bits
+    lanes = jnp.arange(n, dtype=jnp.uint32)
+    permutation = jnp.arange(n, dtype=jnp.int32)
+    cells = grid.number(grid.coordinates(positions)).astype(jnp.uint32)
+    for shift in range(0, max(cell_bits, 1), digit_bits):
+        digit = (cells >> shift) & jnp.uint32(2**digit_bits - 1)
+        key = jax.lax.sort((digit << particle_bits) | lanes)
+        taken = (key & jnp.uint32(2**particle_bits - 1)).astype(jnp.int32)
+        permutation = permutation.at[taken].get(mode="promise_in_bounds")
+        cells = cells.at[taken].get(mode="promise_in_bounds")
+    return permutation
+
+
+def _cells_of_axis(length: float, smallest: float) -> int:
+    # The margin covers the rounding of cell coordinates in float32, so that a pair within reach is never one
+    # cell further apart than the reach spans.
+    ratio = length / smallest
+    return max(int(ratio / (1.0 + 2e-6 * ratio)), 1)
+
+
+def _coarsened(cells: tuple[int, ...]) -> tuple[int, ...]:
+    coarse = list(cells)
+    while math.prod(coarse) > CELLS_AT_MOST:
+        longest = max(range(len(coarse)), key=lambda axis: coarse[axis])
+        coarse[longest] = (coarse[longest] + 1) // 2
+    return tuple(coarse)

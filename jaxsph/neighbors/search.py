@@ -1,0 +1,180 @@
+"""The search: candidates of a range are tested into machine words, then read out slot by slot.
+
+For each receiver the candidates in one row of cells are consecutive in memory. Testing them is one pass over
+contiguous coordinates, whose outcomes are packed into the bits of a word. Reading out puts each word at the slot
+where its first neighbor belongs; a loop over slots then takes the lowest bit off the current word until the next
+word begins. Nothing is sorted and there is one scatter per word, not one per candidate. Receivers are processed
+in tiles whose temporary arrays stay in the cache.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+from jax.lax import GatherDimensionNumbers
+
+from jaxsph.neighbors.cells import CellGrid, cell_order
+
+WORD = 32
+TILE_BYTES = 4 * 2**20  # temporary arrays of one tile; about the second-level cache of current CPUs
+_CONSECUTIVE = GatherDimensionNumbers(offset_dims=(2,), collapsed_slice_dims=(), start_index_map=(0,))
+
+
+@dataclasses.dataclass(frozen=True)
+class Capacity:
+    """Sizes of the arrays of a search, fixed when a list is allocated.
+
+    Attributes:
+        slots: neighbors of one particle.
+        range: candidates of one particle in one row of cells.
+        range_round: candidates at the far end of a periodic row.
+    """
+
+    slots: int
+    range: int
+    range_round: int = 0
+
+
+def index_cells(grid: CellGrid, positions, in_cell_order: bool):
+    """Put a set of particles (d, N) in cell order.
+
+    Returns (permutation or None, sorted positions, first particle of each cell, whether the order is right).
+    With `in_cell_order` the caller has sorted them; that is checked, not repeated.
+    """
+    permutation = None
+    if not in_cell_order:
+        permutation = cell_order(grid, positions)
+        positions = positions.at[:, permutation].get(mode="promise_in_bounds")
+    numbers = grid.number(grid.coordinates(positions))
+    ordered = jnp.all(numbers[1:] >= numbers[:-1])
+    return permutation, positions, grid.starts(numbers), ordered
+
+
+def widest_ranges(grid: CellGrid, positions, starts):
+    """The largest number of candidates in a range, and in a range at the far end: () and ()."""
+    first, last, first_round, last_round = grid.ranges(grid.coordinates(positions), starts)
+    round_width = jnp.int32(0) if first_round is None else jnp.max(last_round - first_round)
+    return jnp.max(last - first), round_width
+
+
+def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, capacity: Capacity):
+    """The neighbors of every receiver.
+
+    Args:
+        grid: cells of both sets.
+        receivers: positions (d, N), in any order; fastest in cell order.
+        senders: positions (d, M) in cell order, and `starts` of their cells.
+        sender_ids: (M,) the number of each sorted sender in its own set; None if they are the same.
+        own: (N,) where each receiver stands among the sorted senders; None for two different sets.
+        capacity: sizes of the arrays.
+
+    Returns:
+        indices (slots, N), number of neighbors (N,) also beyond the slots, widest range, widest far range.
+    """
+    n, slots = receivers.shape[1], capacity.slots
+    padded = jnp.pad(senders, ((0, 0), (0, WORD)), constant_values=jnp.inf)
+    tile = min(n, max(TILE_BYTES // (8 * max(slots, 1)), 1024))
+    n_tiles = -(-n // tile)
+    ids = jnp.arange(n, dtype=jnp.int32)
+
+    def process(number, found):
+        indices, counts, width, width_round = found
+        begin = jnp.minimum(number * tile, n - tile)  # the last tile overlaps the one before and repeats its result
+        part = jax.lax.dynamic_slice_in_dim(receivers, begin, tile, 1)
+        own_part = None if own is None else jax.lax.dynamic_slice_in_dim(own, begin, tile)
+        words, bases, count, widths = _test_candidates(grid, part, padded, starts, own_part, capacity)
+        indices_part = _read_out(words, bases, slots)
+        if sender_ids is not None:
+            indices_part = sender_ids.at[indices_part].get(mode="promise_in_bounds")
+        padding = jnp.zeros((), jnp.int32) if own is None else jax.lax.dynamic_slice_in_dim(ids, begin, tile)
+        filled = jnp.arange(slots, dtype=jnp.int32)[:, None] < count
+        indices_part = jnp.where(filled, indices_part, padding)
+        indices = jax.lax.dynamic_update_slice_in_dim(indices, indices_part, begin, 1)
+        counts = jax.lax.dynamic_update_slice_in_dim(counts, count, begin, 0)
+        return indices, counts, jnp.maximum(width, widths[0]), jnp.maximum(width_round, widths[1])
+
+    empty = (jnp.zeros((slots, n), jnp.int32), jnp.zeros(n, jnp.int32), jnp.int32(0), jnp.int32(0))
+    return process(0, empty) if n_tiles == 1 else jax.lax.fori_loop(0, n_tiles, process, empty)
+
+
+def count_neighbors(grid: CellGrid, receivers, senders, starts, own, capacity: Capacity):
+    """The number of neighbors of every receiver, as `find_neighbors` but without a list: (N,)."""
+    padded = jnp.pad(senders, ((0, 0), (0, WORD)), constant_values=jnp.inf)
+    return _test_candidates(grid, receivers, padded, starts, own, capacity)[2]
+
+
+def _words_of(width: int) -> tuple[int, int]:
+    """Number of words for a range, and bits used of each: as few candidates as possible beyond the range."""
+    words = max(-(-width // WORD), 1)
+    return words, min(-(-width // (8 * words)) * 8, WORD)
+
+
+def _test_candidates(grid, receivers, padded, starts, own, capacity):
+    """Bits of the candidates within reach: words (words, n), first candidate of each word, counts, widths."""
+    first, last, first_round, last_round = grid.ranges(grid.coordinates(receivers), starts)
+    words, bases = _words(grid, receivers, padded, own, first, last, capacity.range)
+    width_round = jnp.int32(0)
+    if first_round is not None:
+        far_words, far_bases = _words(grid, receivers, padded, own, first_round, last_round, capacity.range_round)
+        words, bases = jnp.concatenate([words, far_words]), jnp.concatenate([bases, far_bases])
+        width_round = jnp.max(last_round - first_round)
+    count = jnp.sum(jax.lax.population_count(words), axis=0, dtype=jnp.int32)
+    return words, bases, count, (jnp.max(last - first), width_round)
+
+
+def _words(grid, receivers, padded, own, first, last, width):
+    n_words, bits = _words_of(width)
+    base = jnp.concatenate([first + bits * word for word in range(n_words)])
+    end = jnp.concatenate([last] * n_words)
+    base = jnp.minimum(base, end)  # a word beyond the range tests nothing and must not read beyond the array
+    squared = 0.0
+    for axis in range(grid.domain.dimension):
+        candidates = jax.lax.gather(padded[axis], base[..., None], _CONSECUTIVE, (bits,), mode="promise_in_bounds")
+        difference = grid.domain.component(axis, receivers[axis][None, :, None], candidates)
+        squared = squared + difference * difference
+    limit = jnp.asarray(grid.reach, receivers.dtype) ** 2
+    flags = jnp.where(squared < limit, jnp.uint32(1) << jnp.arange(bits, dtype=jnp.uint32), jnp.uint32(0))
+    word = jnp.sum(flags, axis=-1, dtype=jnp.uint32)
+    word = word & _lowest(jnp.clip(end - base, 0, bits))
+    if own is not None:
+        at = own - base
+        mine = jnp.uint32(1) << jnp.clip(at, 0, WORD - 1).astype(jnp.uint32)
+        word = jnp.where((at >= 0) & (at < bits), word & ~mine, word)
+    return word, base
+
+
+def _lowest(number):
+    """A word whose lowest `number` bits are set, 0 to 32."""
+    shift = jnp.clip(WORD - number, 0, WORD - 1).astype(jnp.uint32)
+    return jnp.where(number > 0, jnp.uint32(2**WORD - 1) >> shift, jnp.uint32(0))
+
+
+def _read_out(words, bases, slots):
+    """Positions of the set bits of all words, one after another: (slots, n). What follows the last is arbitrary."""
+    n_words, n = words.shape
+    lanes = jnp.arange(n, dtype=jnp.int32)
+    before = jnp.zeros(n, jnp.int32)
+    slot_of_word = []
+    for word in words:
+        slot_of_word.append(jnp.where(word != 0, before, slots))
+        before = before + jax.lax.population_count(word).astype(jnp.int32)
+    slot = jnp.stack(slot_of_word)
+    at = jnp.where(slot < slots, slot * n + lanes, slots * n).reshape(-1)
+
+    def spread(values, dtype):
+        empty = jnp.zeros(slots * n, dtype)
+        return empty.at[at].set(values.reshape(-1), mode="drop", unique_indices=True).reshape(slots, n)
+
+    def take_lowest(current, new):
+        word, base = current
+        new_word, new_base = new
+        begins = new_word != 0
+        word, base = jnp.where(begins, new_word, word), jnp.where(begins, new_base, base)
+        rest = word & (word - jnp.uint32(1))
+        lowest = jax.lax.population_count((word ^ rest) - jnp.uint32(1)).astype(jnp.int32)
+        return (rest, base), jnp.where(word != 0, base + lowest, 0)
+
+    start = (jnp.zeros(n, jnp.uint32), jnp.zeros(n, jnp.int32))
+    return jax.lax.scan(take_lowest, start, (spread(words, jnp.uint32), spread(bases, jnp.int32)))[1]
