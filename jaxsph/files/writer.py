@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, SupportsFloat
 
 import h5py
 import numpy as np
@@ -102,9 +102,11 @@ class TrajectoryWriter:
     def save(self, state: Any, derived: Mapping[str, Mapping[str, Any]] | None = None) -> None:
         """Append a `State`: the fields of its systems, `derived` ones such as stresses, and the restart."""
         fields = {name: {**state.systems[name], **(derived or {}).get(name, {})} for name in state.systems}
-        self.append(float(state.time), fields, state=state)
+        self.append(state.time, fields, state=state)
 
-    def append(self, time: float, fields: Mapping[str, Mapping[str, Any]], *, state: Any = None) -> None:
+    def append(
+        self, time: SupportsFloat, fields: Mapping[str, Mapping[str, Any]], *, state: Any = None
+    ) -> None:
         """Append one save and put it on disk.
 
         Args:
@@ -123,6 +125,7 @@ class TrajectoryWriter:
             raise ValueError(
                 f"{self.path}: the writer is closed; open a new one, with another path, to save more"
             )
+        time = float(time)
         if not time > self._last_time:
             raise ValueError(
                 f"{self.path}: save at {time} s does not come after the last one at {self._last_time} s"
