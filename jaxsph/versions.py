@@ -5,24 +5,28 @@ import importlib.metadata
 __version__ = "0.1.0"
 
 EXCLUDED_JAX_VERSIONS = ("0.10.2", "0.11.0", "0.11.1")
-"""Versions of jax that compute wrong numbers on CPU, silently: a vmapped matrix-vector product followed by a
-sum, in 3D, from 16,385 particles in float64 and 32,769 in float32 (jax issue 39103). That pattern is
-total-Lagrangian SPH. `tests/test_jax_version.py` guards it for whatever version is installed."""
+"""Versions of jax and jaxlib that compute wrong numbers on CPU, silently: a vmapped matrix-vector product
+followed by a sum, in 3D, from 16,385 particles in float64 and 32,769 in float32 (jax issue 39103). That
+pattern is total-Lagrangian SPH. `tests/test_jax_version.py` guards it for whatever version is installed."""
 
 
 def check_jax_version(version: str | None = None) -> None:
-    """Refuse a version of jax that is known to compute wrong numbers.
+    """Refuse a version of jax or jaxlib that is known to compute wrong numbers.
 
     Args:
-        version: version to judge; None asks the installed package.
+        version: version to judge; None judges the installed jax and jaxlib (the compiler is in jaxlib).
 
     Raises:
-        ImportError: the version is one of `EXCLUDED_JAX_VERSIONS`.
+        ImportError: a version is one of `EXCLUDED_JAX_VERSIONS`.
     """
-    version = importlib.metadata.version("jax") if version is None else version
-    if version in EXCLUDED_JAX_VERSIONS:
-        raise ImportError(
-            f"jax {version} computes wrong numbers on CPU without a message (jax issue 39103), so jaxsph does "
-            f"not run with it. Excluded: {', '.join(EXCLUDED_JAX_VERSIONS)}. "
-            "Cure: pip install 'jax>=0.9,!=0.10.2,!=0.11.0,!=0.11.1' (0.10.1 on Python 3.11)."
-        )
+    if version is None:
+        versions = {package: importlib.metadata.version(package) for package in ("jax", "jaxlib")}
+    else:
+        versions = {"jax": version}
+    for package, found in versions.items():
+        if found in EXCLUDED_JAX_VERSIONS:
+            raise ImportError(
+                f"{package} {found} computes wrong numbers on CPU without a message (jax issue 39103), so jaxsph "
+                f"does not run with it. Excluded: {', '.join(EXCLUDED_JAX_VERSIONS)}. "
+                "Cure: pip install 'jax>=0.9,!=0.10.2,!=0.11.0,!=0.11.1' (0.10.1 on Python 3.11)."
+            )
