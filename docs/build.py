@@ -1,0 +1,163 @@
+"""Fill the tables in README.md and in the pages of docs/ from the result files in docs/results/.
+
+A page asks for a table with a pair of markers, and everything between them is replaced:
+
+    <!-- results:begin validation -->        every row of docs/results/validation.json
+    <!-- results:begin validation csm3 -->   the rows whose id starts with csm3
+    <!-- results:begin benchmark -->         every row of docs/results/benchmark.json
+    <!-- results:begin -->                   both tables
+    <!-- results:end -->
+
+`python docs/build.py` writes; `python docs/build.py --check` fails if a page is not up to date.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+DOCS = Path(__file__).resolve().parent
+RESULTS = DOCS / "results"
+MARKED = re.compile(r"(<!-- results:begin *(?P<ask>[^>]*?) *-->\n)(?P<table>.*?)(<!-- results:end -->)", re.DOTALL)
+
+# For each result file: its columns as (key, heading), and the command that makes it.
+TABLES: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
+    "validation": (
+        (
+            ("case", "case"),
+            ("figure", "figure"),
+            ("value", "value"),
+            ("limit", "limit"),
+            ("resolution", "resolution"),
+            ("precision", "precision"),
+            ("seconds", "time [s]"),
+        ),
+        "make validate",
+    ),
+    "benchmark": (
+        (
+            ("case", "case"),
+            ("figure", "figure"),
+            ("value", "value"),
+            ("unit", "unit"),
+            ("resolution", "resolution"),
+            ("precision", "precision"),
+            ("peer", "code"),
+            ("threads", "threads"),
+        ),
+        "make bench",
+    ),
+}
+
+
+class BuildError(Exception):
+    """A page asks for what the result files do not hold."""
+
+
+def load_rows(name: str, results: Path = RESULTS) -> list[dict[str, Any]]:
+    """Rows of one result file.
+
+    Raises:
+        BuildError: no such table, no such file, not JSON, or a row without one of the columns.
+    """
+    if name not in TABLES:
+        raise BuildError(f"no table {name!r}: a marker names one of {', '.join(TABLES)}")
+    columns, command = TABLES[name]
+    path = results / f"{name}.json"
+    if not path.is_file():
+        raise BuildError(f"{path} is missing: run `{command}`, which writes it")
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        raise BuildError(f"{path} is not JSON ({error}): run `{command}` again") from error
+    if not isinstance(rows, list):
+        raise BuildError(f"{path} holds a {type(rows).__name__}, not a list of rows: run `{command}` again")
+    for number, row in enumerate(rows):
+        missing = [key for key in ("id", "machine", *(key for key, _ in columns)) if key not in row]
+        if missing:
+            raise BuildError(f"{path}, row {number} ({row.get('id', 'no id')}) has no {', '.join(missing)}")
+    return rows
+
+
+def show(value: Any) -> str:
+    """A cell: three significant digits for floats, nothing for null."""
+    if value is None:
+        return ""
+    if isinstance(value, float):
+        if value == 0 or 1e-3 <= abs(value) < 1e5:
+            return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+        return f"{value:.2e}"
+    return str(value).replace("|", r"\|")
+
+
+def markdown_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[tuple[str, str]]) -> str:
+    """A Markdown table; columns that are empty in every row are left out."""
+    columns = [(key, heading) for key, heading in columns if any(show(row[key]) for row in rows)]
+    lines = [[heading for _, heading in columns], ["---"] * len(columns)]
+    lines += [[show(row[key]) for key, _ in columns] for row in rows]
+    return "\n".join("| " + " | ".join(cells) + " |" for cells in lines) + "\n"
+
+
+def tables(ask: str, results: Path = RESULTS) -> str:
+    """What stands between the markers for one request: "", "validation", "validation csm3", "benchmark"..."""
+    name, _, prefix = ask.partition(" ")
+    parts = []
+    for table in [name] if name else TABLES:
+        columns, command = TABLES.get(table, ((), ""))
+        rows = [row for row in load_rows(table, results) if str(row["id"]).startswith(prefix)]
+        if not rows:
+            raise BuildError(f"{table}.json has no row whose id starts with {prefix!r}")
+        machines = sorted({str(row["machine"]) for row in rows})
+        parts.append(f"{markdown_table(rows, columns)}\nMade by `{command}` on {'; '.join(machines)}.\n")
+    return "\n" + "\n".join(parts) + "\n"
+
+
+def fill(text: str, results: Path = RESULTS) -> str:
+    """The page with every marked block made anew.
+
+    Raises:
+        BuildError: a begin marker without its end, or a table that cannot be made.
+    """
+    if text.count("<!-- results:begin") != len(MARKED.findall(text)):
+        raise BuildError("a `results:begin` marker has no `results:end` after it, each on a line of its own")
+    return MARKED.sub(lambda block: block[1] + tables(block["ask"], results) + block[4], text)
+
+
+def pages() -> list[Path]:
+    """README.md and the Markdown pages of docs/."""
+    built = DOCS / "_build"
+    return [DOCS.parent / "README.md", *sorted(p for p in DOCS.rglob("*.md") if built not in p.parents)]
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Fill or check all pages; 0 if all went well."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--check", action="store_true", help="change nothing; fail if a page is not up to date")
+    options = parser.parse_args(arguments)
+    failed = False
+    for page in pages():
+        old = page.read_text(encoding="utf-8")
+        try:
+            new = fill(old)
+        except BuildError as error:
+            print(f"{page.name}: {error}", file=sys.stderr)
+            failed = True
+            continue
+        if new == old:
+            print(f"{page.name}: up to date")
+        elif options.check:
+            print(f"{page.name}: not up to date, run `python docs/build.py`", file=sys.stderr)
+            failed = True
+        else:
+            page.write_text(new, encoding="utf-8")
+            print(f"{page.name}: written")
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
