@@ -3,7 +3,7 @@
 import subprocess
 import sys
 import textwrap
-from types import SimpleNamespace
+from typing import Any
 
 import h5py
 import jax
@@ -14,6 +14,7 @@ import vtk
 from vtkmodules.util.numpy_support import vtk_to_numpy
 
 from jaxsph.files import TrajectoryWriter, fingerprint, hdf5, parameters, read_state, read_trajectory
+from jaxsph.pytree import pytree_dataclass, static
 
 SAVES = 21  # more than the first room of 16, so that the file is moved once
 TIMES = 0.1 * np.arange(SAVES)
@@ -123,7 +124,7 @@ def test_paraview_needs_version_and_type_of_fixed_length(tmp_path):
         kind = file["VTKHDF"].attrs.get_id("Type")
         assert not kind.get_type().is_variable_str() and kind.get_type().get_cset() == h5py.h5t.CSET_ASCII
         assert file["VTKHDF"].attrs["Type"] == b"PolyData" and np.array_equal(
-            file["VTKHDF"].attrs["Version"], [2, 0]
+            np.asarray(hdf5.attribute(file, "VTKHDF", "Version")), [2, 0]
         )
 
 
@@ -205,14 +206,56 @@ def test_state_comes_back_bit_for_bit(tmp_path, saves):
     assert jax.tree.structure(read) == jax.tree.structure(state)
 
 
+@pytree_dataclass
+class Now:
+    """What the writer asks of a state: a time, and fields by system."""
+
+    time: Any
+    systems: dict
+
+
+@pytree_dataclass
+class Body:
+    name: str = static()
+    youngs_modulus: Any = 1.0
+
+
+@pytree_dataclass
+class World:
+    systems: tuple
+    gravity: Any
+    effects: tuple = ()
+
+
+@pytree_dataclass
+class Drag:
+    coefficient: Any
+
+
+def test_leaves_are_named_as_a_scene_names_them():
+    world = World((Body("beam", 2.0), Body("plate", 3.0)), jnp.array([0.0, -9.81]), (Drag(0.1),))
+    assert [(p["name"], p["value"], p["unit"]) for p in parameters(world, {"coefficient": "1/s"})] == [
+        ("beam.youngs_modulus", 2.0, "Pa"),
+        ("plate.youngs_modulus", 3.0, "Pa"),
+        ("gravity", [0.0, -9.81], "m/s^2"),
+        ("Drag.coefficient", 0.1, "1/s"),
+    ]
+    assert list(fingerprint({"a": [1.0, (2.0, None)]})["leaves"]) == ["a.0", "a.1.0"]
+
+
+def test_leaves_that_hdf5_does_not_hold_are_named(tmp_path):
+    with TrajectoryWriter(tmp_path / "run.vtkhdf", {"plate": np.zeros((3, 2))}) as writer:
+        with pytest.raises(ValueError, match="leaf noise is of type key<"):
+            writer.append(0.0, {}, state={"noise": jax.random.key(0)})
+        with pytest.raises(ValueError, match="leaf half is of type bfloat16"):
+            writer.append(0.0, {}, state={"half": jnp.zeros(2, jnp.bfloat16)})
+        with pytest.raises(ValueError, match=r"leaves of the tree share a name: a\|b"):
+            writer.append(0.0, {}, state={"a/b": np.zeros(1), "a|b": np.zeros(1)})
+
+
 def test_save_takes_a_state_as_the_simulation_holds_it(tmp_path):
     fields = {"plate": {"displacement": jnp.full((3, 2), 0.5), "velocity": jnp.ones((3, 2))}}
-    state = SimpleNamespace(time=jnp.asarray(0.25), systems=fields)
-    jax.tree_util.register_pytree_node(
-        SimpleNamespace,
-        lambda s: ((s.time, s.systems), None),
-        lambda _, leaves: SimpleNamespace(time=leaves[0], systems=leaves[1]),
-    )
+    state = Now(time=jnp.asarray(0.25), systems=fields)
     with TrajectoryWriter(tmp_path / "run.vtkhdf", {"plate": np.zeros((3, 2))}) as writer:
         writer.save(state, {"plate": {"von_mises": jnp.arange(3.0)}})
     times, read, _ = read_trajectory(tmp_path / "run.vtkhdf")

@@ -19,33 +19,9 @@ import numpy as np
 
 from jaxsph.files import hdf5
 from jaxsph.files.check import open_for_reading
+from jaxsph.files.leaves import Leaves, array_leaves
 
 _NO_STATE = -1
-
-Leaves = list[tuple[str, np.ndarray]]
-"""Leaves of a pytree with where each stands."""
-
-
-def leaves_with_names(tree: Any) -> Leaves:
-    """Leaves of a pytree as NumPy arrays, each with where it stands, e.g. `systems.plate.velocity`."""
-    named = []
-    for path, leaf in jax.tree_util.tree_flatten_with_path(tree)[0]:
-        name = jax.tree_util.keystr(path, simple=True, separator=".") or "value"
-        if isinstance(leaf, jax.Array) and not isinstance(leaf.dtype, np.dtype):
-            raise ValueError(
-                f"leaf {name} is of type {leaf.dtype}: store the numbers that it is made of instead"
-            )
-        value = np.asarray(leaf)
-        if value.dtype.kind not in "biufc" or value.dtype.itemsize == 0:
-            raise ValueError(
-                f"leaf {name} is of type {value.dtype}, HDF5 holds booleans, integers, floats, complex"
-            )
-        named.append((name.replace("/", "|"), value))
-    names = [name for name, _ in named]
-    if len(set(names)) < len(names):
-        twice = sorted({name for name in names if names.count(name) > 1})
-        raise ValueError(f"leaves of the state share a name: {', '.join(twice)}; rename one of the keys")
-    return named
 
 
 def create_slots(file: h5py.File, leaves: Leaves) -> None:
@@ -88,7 +64,7 @@ def fingerprint(tree: Any) -> dict[str, Any]:
     addresses of functions are left out, so that two processes agree.
     """
     leaves = {}
-    for name, value in leaves_with_names(tree):
+    for name, value in array_leaves(tree):
         content = hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()[:16]
         leaves[name] = {"dtype": str(value.dtype), "shape": list(value.shape), "hash": content}
         if value.size == 1 and value.dtype.kind in "biuf":
@@ -142,7 +118,7 @@ def read_state(path: str | os.PathLike[str], like: Any, scene: Any = None) -> An
                 f"{path}: holds a trajectory but no state to restart from; expected /jaxsph/restart with a "
                 "whole state: save with TrajectoryWriter.append(..., state=state)"
             )
-        template = leaves_with_names(like)
+        template = array_leaves(like)
         stored, wanted = hdf5.from_json(file, "jaxsph/restart/leaves"), [name for name, _ in template]
         if stored != wanted:
             missing = [name for name in wanted if name not in stored]

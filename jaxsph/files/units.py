@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import jax
 import numpy as np
+
+from jaxsph.files.leaves import named_leaves
 
 UNITS: Mapping[str, str] = {
     "position": "m",
@@ -55,10 +56,9 @@ def parameters(tree: Any, units: Mapping[str, str] | None = None) -> list[dict[s
     """
     known = {**UNITS, **(units or {})}
     listed = []
-    for path, leaf in jax.tree_util.tree_flatten_with_path(tree)[0]:
+    for name, leaf in named_leaves(tree):
         value = np.asarray(leaf)
         if value.size <= _LARGEST_LISTED and value.dtype.kind in "biuf":
-            name = jax.tree_util.keystr(path, simple=True, separator=".")
             listed.append(
                 {"name": name, "value": value.tolist(), "unit": known.get(name.rsplit(".", 1)[-1], "")}
             )

@@ -14,6 +14,7 @@ import numpy as np
 
 from jaxsph.files import columns, hdf5, layout, restart
 from jaxsph.files.describe import describe, plain
+from jaxsph.files.leaves import Leaves, array_leaves
 from jaxsph.files.units import UNITS, parameters
 
 # The oldest layout that holds all we write. Files of HDF5 1.10 and later carry an "open for writing" mark
@@ -84,7 +85,7 @@ class TrajectoryWriter:
         # the first save says which columns there are and of which types
         self._columns: dict[str, columns.Column] = {}
         self._points = columns.Column("position", (), np.dtype(np.float64), "m", ())
-        self._leaves: restart.Leaves | None = None
+        self._leaves: Leaves | None = None
         self._file: h5py.File | None = None
         self._closed = False
         self._last_time = -np.inf
@@ -132,7 +133,7 @@ class TrajectoryWriter:
             )
         arrays = columns.checked_fields(fields, self._reference)
         positions = columns.with_positions(arrays, self._reference)
-        leaves = None if state is None else restart.leaves_with_names(state)
+        leaves = None if state is None else array_leaves(state)
         if self.saved == 0:
             self._columns = columns.columns_of(arrays, self._units, self._dtype)
             self._points = columns.points_column(positions, self._dtype)
@@ -170,7 +171,7 @@ class TrajectoryWriter:
         time: float,
         arrays: columns.Arrays,
         positions: columns.Arrays,
-        leaves: restart.Leaves | None,
+        leaves: Leaves | None,
     ) -> None:
         """Fill in one save. The counters come last, after everything they vouch for has left this process."""
         rows = slice(self.saved * self._count, (self.saved + 1) * self._count)
@@ -221,7 +222,7 @@ class TrajectoryWriter:
         os.replace(self._part, self.path)
         self._file, self._room = new, room
 
-    def _check_unchanged(self, arrays: columns.Arrays, leaves: restart.Leaves | None) -> None:
+    def _check_unchanged(self, arrays: columns.Arrays, leaves: Leaves | None) -> None:
         changed = columns.changed_fields(arrays, self._columns)
         if changed:
             raise ValueError(
