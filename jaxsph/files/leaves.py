@@ -35,7 +35,7 @@ def array_leaves(tree: Any) -> Leaves:
         value = np.asarray(leaf)
         if value.dtype.kind not in "biufc":
             raise ValueError(
-                f"leaf {name} is of type {value.dtype}, HDF5 holds booleans, integers, floats, complex numbers"
+                f"leaf {name} is of type {value.dtype}, HDF5 holds booleans, integers, floats and complex"
             )
         named.append((name.replace("/", "|"), value))
     names = [name for name, _ in named]
