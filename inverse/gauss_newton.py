@@ -37,7 +37,7 @@ def gauss_newton(
     radius, shortest, best = largest_radius, 0, current
     record(current, True, samples_all, "start")
     for iteration in range(max_iterations):
-        floor = 100 * model.precision
+        floor = np.sqrt(model.precision)  # directions that the data see less of are rounding noise
         if iteration > max_iterations // 2:
             shortest = samples_all  # continuation had its chance
         samples, step = choose_window(

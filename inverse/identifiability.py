@@ -51,7 +51,6 @@ def unit_covariance(jacobian: np.ndarray, free: np.ndarray) -> tuple[np.ndarray,
 
 def verdict(
     labels: list[str],
-    free: np.ndarray,
     error: np.ndarray,
     alone: np.ndarray,
     collinear: np.ndarray,
@@ -60,14 +59,12 @@ def verdict(
 ) -> tuple[str, list[str]]:
     """One of "identifiable", "weakly identifiable", "not identifiable", and the reasons with their numbers.
 
-    Vectors (n,): which unknowns are free, their relative errors together and alone, membership in a collinear
-    group; correlation (n, n).
+    Vectors (n,): relative errors together and alone, membership in a collinear group; correlation (n, n).
     """
     reasons: list[str] = []
-    together = free & collinear
-    group_lost = bool(np.any(error[together] > WEAK_ERROR))
-    if np.any(together):
-        members = np.flatnonzero(together)
+    group_lost = bool(np.any(error[collinear] > WEAK_ERROR))
+    if np.any(collinear):
+        members = np.flatnonzero(collinear)
         names = " and ".join(labels[i] for i in members)
         strongest = max((abs(correlation[i, j]) for i in members for j in members if i < j), default=np.nan)
         numbers = ", ".join(
@@ -80,17 +77,17 @@ def verdict(
             f"{condition:.3g} (limit {CONDITION_LIMIT:g}); at {_percent(ACCURACY)} accuracy {numbers}. "
             "Fix one of them, or observe something that tells them apart"
         )
-    for i in np.flatnonzero(free & ~together & (error > WEAK_ERROR)):
+    for i in np.flatnonzero(~collinear & (error > WEAK_ERROR)):
         strength = "do not determine" if error[i] > LOST_ERROR else "determine only weakly"
         reasons.append(
             f"the data {strength} {labels[i]}: standard error {_percent(error[i])} (limit "
             f"{_percent(LOST_ERROR if error[i] > LOST_ERROR else WEAK_ERROR)})"
         )
-    if group_lost or np.any(error[free] > LOST_ERROR):
+    if group_lost or np.any(error > LOST_ERROR):
         return "not identifiable", reasons
     if reasons:
         return "weakly identifiable", reasons
-    return ("identifiable" if np.any(free) else "at the bounds"), reasons
+    return "identifiable", reasons
 
 
 def _percent(fraction: float) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from inverse.tables import CsvTable, Hdf5Table, Table, read_noise, read_times, read_values
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, init=False)
 class Observations:
     """A measured time series.
 
@@ -32,13 +32,21 @@ class Observations:
 
     times: np.ndarray
     values: np.ndarray
-    standard_deviations: np.ndarray | None = None
-    columns: tuple[str, ...] = ()
-    source: str = "observations"
+    standard_deviations: np.ndarray | None
+    columns: tuple[str, ...]
+    source: str
 
-    def __post_init__(self) -> None:
-        times = np.array(self.times, dtype=float)
-        values = np.array(self.values, dtype=float)
+    def __init__(
+        self,
+        times: Any,
+        values: Any,
+        standard_deviations: Any = None,
+        columns: Sequence[str] = (),
+        source: str = "observations",
+    ) -> None:
+        object.__setattr__(self, "source", source)
+        times = np.array(times, dtype=float)
+        values = np.array(values, dtype=float)
         if times.ndim != 1 or times.size == 0:
             raise ValueError(f"{self.source}: times have shape {times.shape}; give a vector (T,) with T >= 1")
         if values.ndim not in (1, 2) or len(values) != len(times):
@@ -61,9 +69,7 @@ class Observations:
                 f"times[{i - 1}] = {times[i - 1]:g} s; sort the samples and drop repeated ones"
             )
         width = 1 if values.ndim == 1 else values.shape[1]
-        columns = tuple(self.columns) or (
-            ("value",) if width == 1 else tuple(f"value[{i}]" for i in range(width))
-        )
+        columns = tuple(columns) or (("value",) if width == 1 else tuple(f"value[{i}]" for i in range(width)))
         if len(columns) != width:
             raise ValueError(
                 f"{self.source}: {len(columns)} column names {columns} for {width} columns of values"
@@ -71,11 +77,12 @@ class Observations:
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "columns", columns)
-        if self.standard_deviations is not None:
-            object.__setattr__(self, "standard_deviations", self._checked_deviations(values))
+        if standard_deviations is not None:
+            standard_deviations = self._checked_deviations(standard_deviations, values)
+        object.__setattr__(self, "standard_deviations", standard_deviations)
 
-    def _checked_deviations(self, values: np.ndarray) -> np.ndarray:
-        given = np.array(self.standard_deviations, dtype=float)
+    def _checked_deviations(self, given: Any, values: np.ndarray) -> np.ndarray:
+        given = np.array(given, dtype=float)
         if values.ndim == 2 and given.shape == (len(values),) and given.shape != (values.shape[1],):
             given = given[:, None]
         try:

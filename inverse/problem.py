@@ -42,8 +42,8 @@ class Problem:
         self,
         scene: Any,
         observe: Callable[[Any], Any],
-        data: Observations,
-        unknown: Mapping[str, Transform],
+        data: Any,
+        unknown: Mapping[str, Any],
         simulate: Callable[[Any, np.ndarray, str], Any] | None = None,
         replace: Callable[[Any, dict[str, Any]], Any] | None = None,
         time_step: float | None = None,
@@ -74,8 +74,8 @@ class Problem:
             )
         self.scene = scene
         self.observe = observe
-        self.data = data
-        self.unknown = dict(unknown)
+        self.data: Observations = data
+        self.unknown: dict[str, Transform] = dict(unknown)
         self.replace = replace
         self.simulate = simulate or JaxsphSimulation(
             scene, replace, self.unknown, data.times, time_step, save_every
@@ -127,9 +127,9 @@ class Problem:
             ]
         )
 
-    def model(self, vector: jax.Array, mode: str) -> jax.Array:
+    def model(self, vector: Any, mode: str) -> jax.Array:
         """(T m,) simulated observations for the values (n,) of the unknowns, traceable by JAX."""
-        values, offset = {}, 0
+        vector, values, offset = jnp.asarray(vector), {}, 0
         for name, transform in self.unknown.items():
             size = int(np.prod(transform.shape))
             entry = vector[offset : offset + size].reshape(transform.shape)

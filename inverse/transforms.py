@@ -35,15 +35,15 @@ class Transform:
         """Internal coordinate z of a value (same shape)."""
         raise NotImplementedError
 
-    def value(self, z: np.ndarray) -> np.ndarray:
+    def value(self, z: Any) -> np.ndarray:
         """Value at the internal coordinate z (same shape)."""
         raise NotImplementedError
 
-    def slope(self, z: np.ndarray) -> np.ndarray:
+    def slope(self, z: Any) -> np.ndarray:
         """D value / d z, entry by entry (the delta method and the chain rule both need it)."""
         raise NotImplementedError
 
-    def relative(self, z: np.ndarray, standard_error: np.ndarray) -> np.ndarray:
+    def relative(self, z: Any, standard_error: Any) -> np.ndarray:
         """Standard error in z as a fraction: of the value for `log`, of the range for `linear`."""
         raise NotImplementedError
 
@@ -54,14 +54,14 @@ class Log(Transform):
     def internal(self, value: Any) -> np.ndarray:
         return np.asarray(np.log(np.asarray(value, dtype=float)))
 
-    def value(self, z: np.ndarray) -> np.ndarray:
+    def value(self, z: Any) -> np.ndarray:
         # exp(log(bound)) may miss the bound by a rounding error, which a strict simulator would refuse
         return np.asarray(np.clip(np.exp(z), self.lower, self.upper))
 
-    def slope(self, z: np.ndarray) -> np.ndarray:
+    def slope(self, z: Any) -> np.ndarray:
         return np.asarray(np.exp(z))
 
-    def relative(self, z: np.ndarray, standard_error: np.ndarray) -> np.ndarray:
+    def relative(self, z: Any, standard_error: Any) -> np.ndarray:
         return np.asarray(standard_error)
 
 
@@ -75,13 +75,13 @@ class Linear(Transform):
     def internal(self, value: Any) -> np.ndarray:
         return np.asarray((np.asarray(value, dtype=float) - self.lower) / self._scale)
 
-    def value(self, z: np.ndarray) -> np.ndarray:
+    def value(self, z: Any) -> np.ndarray:
         return np.asarray(np.clip(self.lower + self._scale * z, self.lower, self.upper))
 
-    def slope(self, z: np.ndarray) -> np.ndarray:
+    def slope(self, z: Any) -> np.ndarray:
         return np.asarray(self._scale * np.ones_like(z))
 
-    def relative(self, z: np.ndarray, standard_error: np.ndarray) -> np.ndarray:
+    def relative(self, z: Any, standard_error: Any) -> np.ndarray:
         return np.asarray(standard_error / STEPS_PER_RANGE)
 
 

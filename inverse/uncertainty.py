@@ -18,6 +18,7 @@ from inverse.model import Evaluation, Model
 CONFIDENCE = 0.99  # of the interval in which a reduced chi-square is consistent with 1
 LAG_ONE_LIMIT = 0.3  # lag-one autocorrelation of the residual from which it counts as systematic ...
 LAG_ONE_SIGMAS = 3.0  # ... if it is also that many of its own standard deviations (1 / sqrt(T)) from zero
+NEGLIGIBLE = 0.01  # misfits below this fraction of ACCURACY are as good as none
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -27,8 +28,9 @@ class Uncertainty:
     standard_error: in the unit of the value, scaled by the residual (s). standard_error_absolute: from the
     given standard deviations alone (None if none were given). standard_error_corrected: scaled, and enlarged
     for the effective number of independent samples. relative_error: standard_error as a fraction of the value
-    (log) or of the range (linear). alone: relative error if all other unknowns were known. All relative
-    errors of the verdict, `verdict_error`, assume a noise of at least ACCURACY times the signal.
+    (log) or of the range (linear). correlation: of all unknowns together, those at a bound included. alone:
+    relative error if all other unknowns were known. All relative errors of the verdict, `verdict_error`,
+    assume a noise of at least ACCURACY times the signal.
     """
 
     labels: tuple[str, ...]
@@ -68,7 +70,10 @@ def estimate(model: Model, evaluation: Evaluation) -> Uncertainty:
     variance = chi_square / degrees if degrees > 0 else np.nan
     given = problem.data.standard_deviations is not None
 
-    unit, condition, collinear = unit_covariance(evaluation.jacobian, free)
+    unit, _, _ = unit_covariance(evaluation.jacobian, free)
+    # What the data can tell is a matter of all unknowns: one that ran into its bound may have done so because
+    # nothing held it, and the others' errors are then those at that bound only.
+    whole, condition, collinear = unit_covariance(evaluation.jacobian, np.full(len(z), True))
     unit_error = np.sqrt(np.diag(unit))
     slopes = problem.slopes(z)
     messages = [
@@ -104,10 +109,9 @@ def estimate(model: Model, evaluation: Evaluation) -> Uncertainty:
     lag_one, durbin_watson, fraction = _autocorrelation(residual.reshape(-1, model.width))
     corrected = scaled / np.sqrt(fraction)
     strong = (lag_one > LAG_ONE_LIMIT) & (lag_one * np.sqrt(len(problem.data)) > LAG_ONE_SIGMAS)
-    # rounding of a perfect fit is correlated too, and no one's concern
-    visible = np.sqrt(np.mean(residual**2)) > 1e3 * model.precision * np.sqrt(
-        np.mean((model.data / model.deviation) ** 2)
-    )
+    # the rest that a finished iteration leaves of a perfect fit is correlated too, and no one's concern
+    floor = ACCURACY * float(np.max(problem.data.amplitude)) / float(np.sqrt(np.mean(model.deviation**2)))
+    visible = np.sqrt(np.mean(residual**2)) > NEGLIGIBLE * floor
     if np.any(strong) and visible:
         worst = int(np.argmax(np.abs(lag_one)))
         messages.append(
@@ -117,7 +121,6 @@ def estimate(model: Model, evaluation: Evaluation) -> Uncertainty:
             "independent, see the corrected one"
         )
 
-    floor = ACCURACY * float(np.max(problem.data.amplitude)) / float(np.sqrt(np.mean(model.deviation**2)))
     assumed = np.fmax(scale, floor)
     with np.errstate(divide="ignore"):
         alone = assumed / np.linalg.norm(evaluation.jacobian, axis=0)
@@ -125,13 +128,13 @@ def estimate(model: Model, evaluation: Evaluation) -> Uncertainty:
         name: problem.relative_errors(z, error)
         for name, error in {
             "scaled": scale * unit_error,
-            "verdict": assumed * unit_error,
+            "verdict": assumed * np.sqrt(np.diag(whole)),
             "alone": alone,
         }.items()
     }
     members = tuple(label for label, inside in zip(model.labels, collinear, strict=True) if inside)
     judgement, reasons = verdict(
-        model.labels, free, relative["verdict"], relative["alone"], collinear, condition, _correlation(unit)
+        model.labels, relative["verdict"], relative["alone"], collinear, condition, _correlation(whole)
     )
     covariance = scale**2 * unit * np.outer(slopes, slopes)
     return Uncertainty(
@@ -142,7 +145,7 @@ def estimate(model: Model, evaluation: Evaluation) -> Uncertainty:
         standard_error_corrected=corrected,
         relative_error=relative["scaled"],
         covariance=covariance,
-        correlation=_correlation(unit),
+        correlation=_correlation(whole),
         condition_number=condition,
         verdict_error=relative["verdict"],
         alone=relative["alone"],

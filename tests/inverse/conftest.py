@@ -15,7 +15,7 @@ STEPS_PER_SAMPLE = 10
 
 
 def oscillator_run(scene, times, mode):
-    """x'' = -k x - c x' + g from rest at 0, by kick-drift-kick; (T, 2) position and velocity at uniform times."""
+    """x'' = -k x - c x' + g from rest at 0, kick-drift-kick; (T, 2) position, velocity at uniform times."""
     interval = float(times[-1]) / len(times)
     dt = interval / STEPS_PER_SAMPLE
 

@@ -1,5 +1,7 @@
 """Gauss-Newton finds what made the data, in few runs, also over many periods and past failing runs."""
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -36,9 +38,8 @@ def phase_only(toys, factor, periods):
 def test_growing_window_passes_the_local_minima_where_plain_least_squares_is_stuck(toys, periods, factor):
     problem = phase_only(toys, factor, periods)
     model = Model(problem)
-    plain = scipy.optimize.least_squares(
-        model.residual, problem.start, jac=lambda z: model.evaluate(z).jacobian, method="lm"
-    )
+    jacobian: Any = lambda z: model.evaluate(z).jacobian  # noqa: E731
+    plain = scipy.optimize.least_squares(model.residual, problem.start, jac=jacobian, method="lm")
     # without a local minimum to be stuck in, this case would prove nothing
     assert abs(problem.vector(plain.x)[0] / toys.stiffness - 1) > 0.1
     fit = inverse.fit(problem)
@@ -79,6 +80,7 @@ def test_optimum_at_a_bound_is_found_and_named(toys):
     unknown = {"stiffness": inverse.log(2 * toys.stiffness, 50 * toys.stiffness, start=10 * toys.stiffness)}
     fit = inverse.fit(toys.oscillator(0.5, unknown=unknown))
     assert fit["stiffness"] == pytest.approx(2 * toys.stiffness, rel=1e-9)
+    assert fit.uncertainty is not None
     assert fit.uncertainty.at_bound == ("lower",)
     assert "at its lower bound" in str(fit)
 
@@ -92,7 +94,7 @@ def failing_above(toys, limit):
 
 
 def test_failing_trial_runs_shorten_the_step(toys):
-    # From a third of the truth the first bold step lands beyond 1.2 times the truth, where this simulator breaks.
+    # From half the truth the first bold step lands beyond it, where this simulator breaks.
     scene = {"stiffness": toys.stiffness, "damping": 0.0, "gravity": toys.gravity}
     unknown = {"stiffness": inverse.log(1, 1e4, start=toys.stiffness / 2)}
     times = np.arange(1, 60) / 100
