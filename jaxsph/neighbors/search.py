@@ -77,20 +77,20 @@ def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, 
     padded = jnp.pad(senders, ((0, 0), (0, WORD)), constant_values=jnp.inf)
     tile = min(n, max(TILE_BYTES // (8 * max(slots, 1)), 1024))
     n_tiles = -(-n // tile)
-    ids = jnp.arange(n, dtype=jnp.int32)
 
     def process(number, found):
         indices, counts, width, width_round = found
         begin = jnp.minimum(number * tile, n - tile)  # the last tile overlaps the one before and repeats its result
-        part = jax.lax.dynamic_slice_in_dim(receivers, begin, tile, 1)
-        own_part = None if own is None else jax.lax.dynamic_slice_in_dim(own, begin, tile)
+        # A gather, because XLA fuses a dynamic slice into the tests of candidates and halves their speed.
+        ids = begin + jnp.arange(tile, dtype=jnp.int32)
+        part = receivers.at[:, ids].get(mode="promise_in_bounds")
+        own_part = None if own is None else own.at[ids].get(mode="promise_in_bounds")
         words, bases, count, widths = _test_candidates(grid, part, padded, starts, own_part, capacity)
         indices_part = _read_out(words, bases, slots)
         if sender_ids is not None:
             indices_part = sender_ids.at[indices_part].get(mode="promise_in_bounds")
-        padding = jnp.zeros((), jnp.int32) if own is None else jax.lax.dynamic_slice_in_dim(ids, begin, tile)
         filled = jnp.arange(slots, dtype=jnp.int32)[:, None] < count
-        indices_part = jnp.where(filled, indices_part, padding)
+        indices_part = jnp.where(filled, indices_part, 0 if own is None else ids)
         indices = jax.lax.dynamic_update_slice_in_dim(indices, indices_part, begin, 1)
         counts = jax.lax.dynamic_update_slice_in_dim(counts, count, begin, 0)
         return indices, counts, jnp.maximum(width, widths[0]), jnp.maximum(width_round, widths[1])
@@ -113,13 +113,16 @@ def _words_of(width: int) -> tuple[int, int]:
 
 def _test_candidates(grid, receivers, padded, starts, own, capacity):
     """Bits of the candidates within reach: words (words, n), first candidate of each word, counts, widths."""
-    first, last, first_round, last_round = grid.ranges(grid.coordinates(receivers), starts)
+    ranges = grid.ranges(grid.coordinates(receivers), starts)
+    # Without the barriers XLA computes each range again for each candidate, and each word for each of its uses.
+    first, last, first_round, last_round = jax.lax.optimization_barrier(ranges)
     words, bases = _words(grid, receivers, padded, own, first, last, capacity.range)
     width_round = jnp.int32(0)
     if first_round is not None:
         far_words, far_bases = _words(grid, receivers, padded, own, first_round, last_round, capacity.range_round)
         words, bases = jnp.concatenate([words, far_words]), jnp.concatenate([bases, far_bases])
         width_round = jnp.max(last_round - first_round)
+    words, bases = jax.lax.optimization_barrier((words, bases))
     count = jnp.sum(jax.lax.population_count(words), axis=0, dtype=jnp.int32)
     return words, bases, count, (jnp.max(last - first), width_round)
 
@@ -153,19 +156,19 @@ def _lowest(number):
 
 def _read_out(words, bases, slots):
     """Positions of the set bits of all words, one after another: (slots, n). What follows the last is arbitrary."""
-    n_words, n = words.shape
+    n = words.shape[1]
     lanes = jnp.arange(n, dtype=jnp.int32)
-    before = jnp.zeros(n, jnp.int32)
-    slot_of_word = []
-    for word in words:
-        slot_of_word.append(jnp.where(word != 0, before, slots))
-        before = before + jax.lax.population_count(word).astype(jnp.int32)
-    slot = jnp.stack(slot_of_word)
-    at = jnp.where(slot < slots, slot * n + lanes, slots * n).reshape(-1)
 
-    def spread(values, dtype):
-        empty = jnp.zeros(slots * n, dtype)
-        return empty.at[at].set(values.reshape(-1), mode="drop", unique_indices=True).reshape(slots, n)
+    def spread(placed, new):
+        before, word_at, base_at = placed
+        word, base = new
+        at = jnp.where((word != 0) & (before < slots), before * n + lanes, slots * n)
+        word_at = word_at.at[at].set(word, mode="drop", unique_indices=True)
+        base_at = base_at.at[at].set(base, mode="drop", unique_indices=True)
+        return (before + jax.lax.population_count(word).astype(jnp.int32), word_at, base_at), None
+
+    placed = (jnp.zeros(n, jnp.int32), jnp.zeros(slots * n, jnp.uint32), jnp.zeros(slots * n, jnp.int32))
+    _, word_at, base_at = jax.lax.scan(spread, placed, (words, bases))[0]
 
     def take_lowest(current, new):
         word, base = current
@@ -177,4 +180,4 @@ def _read_out(words, bases, slots):
         return (rest, base), jnp.where(word != 0, base + lowest, 0)
 
     start = (jnp.zeros(n, jnp.uint32), jnp.zeros(n, jnp.int32))
-    return jax.lax.scan(take_lowest, start, (spread(words, jnp.uint32), spread(bases, jnp.int32)))[1]
+    return jax.lax.scan(take_lowest, start, (word_at.reshape(slots, n), base_at.reshape(slots, n)))[1]
