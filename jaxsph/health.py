@@ -1,0 +1,94 @@
+"""Failure as a value: what went wrong inside a compiled run, and the sentences that it becomes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.errors import NotFinite, SimulationError, UnstableTimeStep
+from jaxsph.pytree import pytree_dataclass
+
+GOOD, NOT_FINITE, UNSTABLE = 0, 1, 2
+
+CURES = {
+    NOT_FINITE: "a field became infinite or not a number; take a smaller time_step, check velocities and moduli, or "
+    "add a PenaltyForce if particles alternate",
+    UNSTABLE: "the time step is larger than the largest stable one; pass a smaller time_step (in a fit: the one for "
+    "the upper end of the bounds)",
+}
+
+
+@pytree_dataclass
+class Health:
+    """The first thing that went wrong.
+
+    Attributes:
+        reason: 0 for nothing, else a key of `CURES`.
+        step: at or before which it was seen, -1 for nothing.
+        number: the number that broke the limit, such as the time step [s].
+        limit: the limit that was broken.
+    """
+
+    reason: Any
+    step: Any
+    number: Any
+    limit: Any
+
+    @classmethod
+    def good(cls, dtype) -> Health:
+        """Nothing went wrong."""
+        return cls(jnp.int32(GOOD), jnp.int32(-1), jnp.zeros((), dtype), jnp.zeros((), dtype))
+
+    def note(self, wrong, reason: int, step, number=0.0, limit=0.0) -> Health:
+        """Remember a failure if there is one and none came before it."""
+        first = wrong & (self.reason == GOOD)
+        dtype = self.number.dtype
+        return Health(
+            jnp.where(first, jnp.int32(reason), self.reason),
+            jnp.where(first, jnp.asarray(step, jnp.int32), self.step),
+            jnp.where(first, jnp.asarray(number, dtype), self.number),
+            jnp.where(first, jnp.asarray(limit, dtype), self.limit),
+        )
+
+
+def all_finite(columns) -> Any:
+    """Whether every field of every system is finite."""
+    finite = jnp.bool_(True)
+    for fields in columns.values():
+        for value in fields.values():
+            finite = finite & jnp.all(jnp.isfinite(value))
+    return finite
+
+
+def raise_if_failed(health: Health, systems: dict, time_step: float, trajectory=None) -> None:
+    """Raise what a health says, naming the first particle that is not finite. Outside jit only.
+
+    Args:
+        health: of the state.
+        systems: the fields (particle first) in which to look for the culprit.
+        time_step: [s], to tell the time of failure.
+        trajectory: what was computed, handed on with the error.
+    """
+    reason = int(health.reason)
+    if reason == GOOD:
+        return
+    step = int(health.step)
+    if reason == UNSTABLE:
+        raise UnstableTimeStep(
+            f"time step {float(health.number):.4g} s is larger than the largest stable one, {float(health.limit):.4g} s. "
+            "Pass time_step=None, or a smaller one (in a fit: the one for the upper end of the bounds)",
+            trajectory,
+        )
+    where = ""
+    for name, fields in systems.items():
+        for field, value in fields.items():
+            bad = ~np.isfinite(np.asarray(value)).reshape(len(value), -1).all(axis=1)
+            if bad.any() and not where:
+                where = f": {field} of particle {int(np.argmax(bad))} of {name!r} ({int(bad.sum())} particles in all)"
+    kind = NotFinite if reason == NOT_FINITE else SimulationError
+    raise kind(
+        f"not finite at or before step {step} (t = {step * time_step:.6g} s){where}; {CURES[reason]}",
+        trajectory,
+    )

@@ -1,0 +1,91 @@
+"""Cantilever beams."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from jaxsph.effects import PenaltyForce
+from jaxsph.geometry import box
+from jaxsph.scene import Scene
+from jaxsph.structure import Structure
+
+ROOT_COLUMNS = 3  # clamped columns behind the face: as many as a support radius reaches, and one
+
+
+def cantilever(
+    length: float,
+    thickness: float,
+    particles: int = 9,
+    *,
+    density: float,
+    youngs_modulus: float,
+    poisson_ratio: float,
+    gravity: Sequence[float] = (0.0, 0.0),
+    penalty: float = 0.05,
+    effects: Sequence = (),
+    name: str = "beam",
+    dtype=None,
+) -> Scene:
+    """A beam along x, clamped at the face x = 0, its middle at y = 0.
+
+    Args:
+        length, thickness: [m].
+        particles: across the thickness, the outermost on the surfaces; the spacing is thickness / (particles - 1).
+        density, youngs_modulus, poisson_ratio: [kg/m^3], [Pa], [1].
+        gravity: [m/s^2].
+        penalty: coefficient of the `PenaltyForce`; 0 leaves it out.
+        effects: further effects.
+        name: of the structure.
+        dtype: float32 or float64; None takes jax's default.
+
+    The particles behind the face (x < 0) are clamped too, so that those at the face see a body on both sides.
+    The clamped particles at the face belong to the beam with half their volume.
+
+    Raises ValueError for fewer than 3 particles across, or a length that is not a multiple of the spacing.
+    """
+    if particles < 3:
+        raise ValueError(f"particles = {particles} across the thickness; a bending beam needs at least 3")
+    spacing = thickness / (particles - 1)
+    root = ROOT_COLUMNS * spacing
+    body = box((-root, -thickness / 2), (length + root, thickness), spacing, on_surface=True, dtype=dtype)
+    structure = Structure(
+        name,
+        body,
+        density=density,
+        youngs_modulus=youngs_modulus,
+        poisson_ratio=poisson_ratio,
+        clamped=lambda x: x[:, 0] < 0.01 * spacing,
+    )
+    listed = [*effects, PenaltyForce(penalty)] if penalty else list(effects)
+    return Scene(structure, gravity=np.asarray(gravity, float), effects=listed)
+
+
+def turek_hron_beam(
+    particles: int = 9,
+    *,
+    youngs_modulus: float = 1.4e6,
+    gravity: float = 2.0,
+    effects: Sequence = (),
+    dtype=None,
+) -> Scene:
+    """The elastic beam behind the cylinder of Turek and Hron, alone, under its own weight.
+
+    Length .35 m, thickness .02 m, density 1000 kg/m^3, Poisson ratio .4, gravity 2 m/s^2: CSM1 (E = 1.4e6 Pa)
+    and CSM2 (5.6e6 Pa) are its static states, CSM3 its free motion at 1.4e6 Pa. The tip is at (.35, 0).
+
+    S. Turek, J. Hron (2006), in Fluid-Structure Interaction, LNCSE 53, 371, doi:10.1007/3-540-34596-5_15.
+    There the root follows the cylinder; here it is the flat face at the same free length.
+    """
+    return cantilever(
+        0.35,
+        0.02,
+        particles,
+        density=1000.0,
+        youngs_modulus=youngs_modulus,
+        poisson_ratio=0.4,
+        gravity=(0.0, -gravity),
+        effects=effects,
+        dtype=dtype,
+    )

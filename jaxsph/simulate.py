@@ -1,0 +1,278 @@
+"""A run: many steps, in blocks, with checkpoints for reverse mode, progress, and files written as it goes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph import checks
+from jaxsph.dynamics import (
+    SAFETY,
+    accelerations,
+    constrain,
+    largest_stable,
+    largest_stable_time_step,
+    prepare,
+    topologies,
+)
+from jaxsph.errors import UnstableTimeStep
+from jaxsph.health import CURES, GOOD, NOT_FINITE, UNSTABLE, all_finite, raise_if_failed
+from jaxsph.integrate import Diffrax, KickDriftKick
+from jaxsph.pytree import is_concrete, replace
+from jaxsph.state import State, check_state, initial_state, to_columns, to_rows
+from jaxsph.trajectory import Trajectory
+
+MEMORY_BUDGET = 2**28
+"""Bytes that the states kept for reverse mode may take (256 MiB) before checkpoints go to two levels."""
+
+
+def simulate(
+    scene,
+    t_end: float,
+    save_every: float | None = None,
+    *,
+    state: State | None = None,
+    time_step: float | None = None,
+    integrator: KickDriftKick | Diffrax = KickDriftKick(),  # noqa: B008 (immutable)
+    mode: str = "reverse",
+    memory_budget: int = MEMORY_BUDGET,
+    topologies_of_scene: dict | None = None,
+    progress: bool = False,
+    out: str | Path | None = None,
+) -> Trajectory:
+    """Run a scene and return its trajectory, the start included.
+
+    With plain numbers it advances from save to save, shows progress, and appends each state to `out`. Under
+    `jit`, `grad`, `jvp` or `vmap` it is one pure function of the traced numbers in the scene and the state.
+
+    Args:
+        scene: what is in the world.
+        t_end: time to simulate, counted from the start [s].
+        save_every: interval of saved states [s]; None saves the end only. t_end must be a multiple of it.
+        state: where to start, for example the `final` of another run or one read from a file; None is the
+            scene's initial state. Continuing a run in steps of the same size gives the same bits.
+        time_step: upper limit of the step [s]; the step taken divides save_every. None takes `stable_time_step`.
+            Required if what determines it (moduli, density, positions) is traced.
+        integrator: `KickDriftKick()` or `Diffrax(...)`.
+        mode: "reverse" for `grad` (and `jvp`), "forward" if only `jvp` is asked for, which is then cheaper.
+        memory_budget: bytes for the states that reverse mode keeps. Beyond it, states are kept for blocks of
+            about sqrt(steps), and the memory grows like sqrt(steps).
+        topologies_of_scene: from `topologies`, needed if positions are traced.
+        progress: show a bar (needs tqdm).
+        out: path of a VTKHDF file to write as the run goes (not under a transformation).
+
+    Raises:
+        ValueError: arguments that do not fit.
+        UnstableTimeStep: time_step is larger than the largest stable one.
+        NotFinite: a field blew up. The error's `trajectory` holds what was computed, and `out` is whole.
+    """
+    if mode not in ("reverse", "forward"):
+        raise ValueError(f"mode {mode!r} must be 'reverse' or 'forward'")
+    n_saves, save_every = _intervals(t_end, save_every)
+    found = topologies(scene) if topologies_of_scene is None else topologies_of_scene
+    traced = not is_concrete(scene, state)
+    error_controlled = isinstance(integrator, Diffrax)
+    limit = largest_stable(scene, found) if is_concrete(scene) and not error_controlled else None
+    if time_step is None and error_controlled:
+        time_step = save_every / 10  # the first try of the controller
+    if time_step is None:
+        if limit is None:
+            raise ValueError(
+                "time_step is needed when numbers of the scene are traced: the number of steps is compiled in. Pass "
+                "jaxsph.stable_time_step(scene) of the stiffest and lightest scene that can occur"
+            )
+        time_step = SAFETY * limit
+    checks.check_time("time_step", time_step)
+    if limit is not None and float(time_step) > limit * (1 + 1e-6):
+        raise UnstableTimeStep(
+            f"time_step = {float(time_step):.4g} s is larger than the largest stable one, {limit:.4g} s; pass None to "
+            f"take {SAFETY * limit:.4g} s"
+        )
+    n_steps = max(1, math.ceil(save_every / float(time_step) * (1 - 1e-9)))
+    taken = save_every / n_steps
+    if state is None:
+        state = initial_state(scene)
+    check_state(state, scene)
+    options = {"n_steps": n_steps, "integrator": integrator, "forward_mode": mode == "forward"}
+    if traced:
+        if out is not None or progress:
+            raise ValueError("out= and progress= need plain numbers; they do not work under jit, grad, jvp or vmap")
+        first, states = _run_traced(
+            scene, found, state, taken, n_saves=n_saves, memory_budget=int(memory_budget), **options
+        )
+        states = _raise_in_traced(states)
+    else:
+        first, states = _run(scene, found, state, taken, n_saves, progress, out, options)
+    return Trajectory(scene, jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, states), float(taken))
+
+
+def _intervals(t_end, save_every):
+    checks.check_time("t_end", t_end)
+    if save_every is None:
+        return 1, float(t_end)
+    checks.check_time("save_every", save_every)
+    n_saves = round(float(t_end) / float(save_every))
+    if n_saves < 1 or abs(n_saves * save_every / t_end - 1) > 1e-6:
+        raise ValueError(
+            f"t_end = {t_end} s is not a multiple of save_every = {save_every} s; "
+            f"the nearest is t_end = {max(n_saves, 1) * save_every:.10g} s"
+        )
+    return n_saves, float(save_every)
+
+
+def _begin(scene, found, state, forward_mode=False):
+    """References, and columns with the forces filled in."""
+    references = prepare(scene, found)
+    columns = to_columns(state.systems, found)
+    columns = constrain(scene, references, columns, state.time)
+    fresh = accelerations(scene, references, columns, forward_mode=forward_mode)
+    # A state that has been stepped brings the acceleration of its last step: continuing it is exact.
+    for name, fields in columns.items():
+        kept = jnp.where(state.step == 0, fresh[name], fields["acceleration"])
+        columns[name] = {**fields, "acceleration": kept}
+    return references, columns
+
+
+_begin_compiled = jax.jit(_begin)
+
+
+def _advance(scene, references, columns, state, time_step, n_steps, integrator, forward_mode, block_length=None):
+    """n_steps steps from a state. In blocks of block_length steps, each recomputed in reverse mode."""
+    dt = jnp.asarray(time_step, scene.dtype)
+
+    def one_step(columns, number):
+        time = state.time + number.astype(scene.dtype) * dt
+        return integrator.step(scene, references, columns, time, dt, forward_mode=forward_mode), None
+
+    if not forward_mode:
+        keep = jax.checkpoint_policies.save_only_these_names("displacement_gradient")
+        one_step = jax.checkpoint(one_step, policy=keep, prevent_cse=False)
+    numbers = jnp.arange(n_steps, dtype=jnp.int32)
+    if block_length is None or forward_mode:
+        columns, _ = jax.lax.scan(one_step, columns, numbers)
+    else:
+        blocks = n_steps // block_length
+        run_block = jax.checkpoint(lambda c, n: jax.lax.scan(one_step, c, n), prevent_cse=False)
+        columns, _ = jax.lax.scan(run_block, columns, numbers[: blocks * block_length].reshape(blocks, block_length))
+        if blocks * block_length < n_steps:
+            columns, _ = run_block(columns, numbers[blocks * block_length :])
+    step = state.step + jnp.int32(n_steps)
+    finite = all_finite(jax.lax.stop_gradient(columns))
+    health = state.health.note(~finite, NOT_FINITE, step)
+    return columns, replace(state, time=state.time + dt * n_steps, step=step, health=health)
+
+
+_advance_compiled = jax.jit(_advance, static_argnames=("n_steps", "integrator", "forward_mode", "block_length"))
+
+
+def _with_rows(state, columns, found):
+    return replace(state, systems=to_rows(columns, found))
+
+
+@partial(jax.jit, static_argnames=("n_saves", "n_steps", "integrator", "forward_mode", "memory_budget"))
+def _run_traced(scene, found, state, time_step, *, n_saves, n_steps, integrator, forward_mode, memory_budget):
+    references, columns = _begin(scene, found, state, forward_mode=forward_mode)
+    first = _with_rows(state, columns, found)
+    if isinstance(integrator, Diffrax):
+        return first, _solve(
+            scene, references, columns, state, found, time_step, n_saves, n_steps, integrator, forward_mode
+        )
+    limit = largest_stable_time_step(*jax.lax.stop_gradient((scene, references)))
+    dt = jnp.asarray(time_step, scene.dtype)
+    state = replace(state, health=state.health.note(dt > limit, UNSTABLE, state.step, dt, limit))
+    steps, kept = n_saves * n_steps, 2 * sum(leaf.nbytes for leaf in jax.tree.leaves(columns))
+    block = None
+    if steps * kept > memory_budget:
+        block = min(n_steps, max(1, round(math.sqrt(steps))))
+
+    def to_next_save(carry, _):
+        columns, state = _advance(
+            scene, references, *carry, time_step, n_steps, integrator, forward_mode, block_length=block
+        )
+        return (columns, state), _with_rows(state, columns, found)
+
+    start = (columns, replace(state, systems={}))
+    _, states = jax.lax.scan(to_next_save, start, length=n_saves)
+    return first, states
+
+
+def _solve(scene, references, columns, state, found, time_step, n_saves, n_steps, integrator, forward_mode):
+    dt = jnp.asarray(time_step, scene.dtype)
+    times = state.time + dt * n_steps * jnp.arange(1, n_saves + 1, dtype=scene.dtype)
+    saved, reached, steps = integrator.solve(
+        scene, references, columns, state.time, times, dt, forward_mode=forward_mode
+    )
+    health = replace(state.health, reason=jnp.int32(GOOD), step=jnp.int32(-1))  # the controller takes care of the step
+    health = health.note(~(reached & all_finite(jax.lax.stop_gradient(saved))), NOT_FINITE, steps)
+    rows = jax.vmap(partial(to_rows, topologies=found))(saved)
+    each = lambda leaf: jnp.broadcast_to(leaf, (n_saves, *jnp.shape(leaf)))  # noqa: E731
+    return State(times, each(state.step + jnp.asarray(steps, jnp.int32)), rows, jax.tree.map(each, health))
+
+
+_solve_compiled = jax.jit(_solve, static_argnames=("n_saves", "n_steps", "integrator", "forward_mode"))
+
+
+def _run(scene, found, state, time_step, n_saves, progress, out, options):
+    """Advance from save to save with plain numbers."""
+    references, columns = _begin_compiled(scene, found, state)
+    first = _with_rows(state, columns, found)
+    if isinstance(options["integrator"], Diffrax):
+        states = _solve_compiled(scene, references, columns, state, found, time_step, n_saves, **options)
+        last = jax.tree.map(lambda leaf: leaf[-1], states)
+        raise_if_failed(last.health, last.systems, time_step)
+        if out is not None:
+            with _writer(out, scene) as writer:
+                for i in range(n_saves):
+                    writer.append_state(jax.tree.map(lambda leaf, i=i: leaf[i], states))
+        return first, states
+    state = replace(state, systems={})
+    saved = []
+    writer = _writer(out, scene) if out is not None else None
+    try:
+        if writer is not None:
+            writer.append_state(first)
+        for _ in _bar(range(n_saves), progress):
+            columns, state = _advance_compiled(scene, references, columns, state, time_step, **options)
+            rows = jax.device_get(_with_rows(state, columns, found))
+            if int(rows.health.reason) != GOOD:
+                whole = jax.tree.map(lambda *leaves: np.stack(leaves), first, *saved)
+                raise_if_failed(rows.health, rows.systems, time_step, Trajectory(scene, whole, float(time_step)))
+            saved.append(rows)
+            if writer is not None:
+                writer.append_state(rows)
+    finally:
+        if writer is not None:
+            writer.close()
+    return first, jax.tree.map(lambda *leaves: np.stack(leaves), *saved)
+
+
+def _writer(out, scene):
+    from jaxsph.files import writer_for_scene
+
+    return writer_for_scene(out, scene)
+
+
+def _bar(steps: Iterable, progress: bool):
+    if not progress:
+        return steps
+    try:
+        from tqdm import tqdm
+    except ImportError as error:
+        raise ImportError("progress=True needs tqdm: pip install 'jaxsph[plot]'") from error
+    return tqdm(steps, unit="save", desc="simulate")
+
+
+def _raise_in_traced(states: State) -> State:
+    """Let a failed run raise when its values are used, also through jax.grad."""
+    import equinox
+
+    reason = jax.lax.stop_gradient(jnp.max(states.health.reason))
+    messages = [CURES[key] for key in sorted(CURES)]
+    systems = equinox.branched_error_if(states.systems, reason != GOOD, jnp.maximum(reason - 1, 0), messages)
+    return replace(states, systems=systems)

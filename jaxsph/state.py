@@ -1,0 +1,76 @@
+"""The state: how the world is now."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.health import Health
+from jaxsph.pytree import pytree_dataclass
+
+
+@pytree_dataclass
+class State:
+    """Everything that changes.
+
+    Attributes:
+        time: [s].
+        step: number of steps taken.
+        systems: by name of the system, its fields, particle first and in the user's order. A structure has
+            `displacement` (N, d) [m], `velocity` (N, d) [m/s], `acceleration` (N, d) [m/s^2].
+        health: what went wrong, if anything did.
+
+    In a trajectory every array has a time axis in front.
+    """
+
+    time: Any
+    step: Any
+    systems: dict
+    health: Health
+
+
+def initial_state(scene) -> State:
+    """The scene at rest in its reference configuration, with its initial velocities and still without forces.
+
+    The acceleration is filled in by the first call of `simulate`; a kick-drift-kick step needs it.
+    """
+    systems = {}
+    for structure in scene.systems:
+        shape = structure.particles.positions.shape
+        zero = jnp.zeros(shape, structure.dtype)
+        free = (~structure.clamped)[:, None]
+        velocity = jnp.where(free, jnp.broadcast_to(jnp.asarray(structure.velocity), shape), zero)
+        systems[structure.name] = {"displacement": zero, "velocity": velocity, "acceleration": zero}
+    return State(jnp.zeros((), scene.dtype), jnp.zeros((), jnp.int32), systems, Health.good(scene.dtype))
+
+
+def to_columns(systems: dict, topologies: dict) -> dict:
+    """User's order, particle first, to cell order, particle last."""
+    return {
+        name: {field: jnp.moveaxis(value[topologies[name].order], 0, -1) for field, value in fields.items()}
+        for name, fields in systems.items()
+    }
+
+
+def to_rows(columns: dict, topologies: dict) -> dict:
+    """Cell order, particle last, to the user's order, particle first."""
+    return {
+        name: {field: jnp.moveaxis(value, -1, 0)[topologies[name].rank] for field, value in fields.items()}
+        for name, fields in columns.items()
+    }
+
+
+def check_state(state: State, scene) -> None:
+    """Raise ValueError unless a state belongs to a scene: same systems, shapes and precision."""
+    expected = jax.eval_shape(lambda: initial_state(scene)).systems
+    if set(state.systems) != set(expected):
+        raise ValueError(f"the state has the systems {sorted(state.systems)}, the scene {sorted(expected)}")
+    for name, fields in expected.items():
+        for field, want in fields.items():
+            have = state.systems[name].get(field)
+            if have is None or jnp.shape(have) != want.shape or np.dtype(have.dtype) != want.dtype:
+                found = "nothing" if have is None else f"{jnp.shape(have)} {have.dtype}"
+                raise ValueError(f"state of {name!r}: {field} is {found}; the scene needs {want.shape} {want.dtype}")

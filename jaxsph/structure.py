@@ -1,0 +1,286 @@
+"""Elastic structures by total-Lagrangian SPH: equations (14) to (20) of the poster.
+
+All sums run over the neighbors in the reference configuration, which never change. The unknown is the
+displacement u = x - X, and H = F - I is its gradient, so that nothing is lost to rounding in float32.
+
+Sources: J. O'Connor, B. D. Rogers (2021), J. Fluids Struct. 104, 103312 (momentum equation, correction
+matrix); G. C. Ganzenmueller (2015), Comput. Methods Appl. Mech. Eng. 286, 87 (penalty force).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax.ad_checkpoint import checkpoint_name
+from scipy.spatial import cKDTree
+
+from jaxsph import checks
+from jaxsph.geometry.shapes import Particles
+from jaxsph.kernels import Kernel, WendlandC2
+from jaxsph.materials.elastic import ElasticLaw, StVenantKirchhoff, lame_parameters
+from jaxsph.pair_sum import Edges, PairList, apply, dot, pair_edges, pair_sum
+from jaxsph.pytree import is_concrete, pytree_dataclass, replace, static
+from jaxsph.tensors import inverse, multiply, transpose
+
+SMOOTHING_LENGTH = 0.87
+"""Smoothing length of a structure in particle spacings, for the Wendland C2 kernel: a compact neighborhood
+(8 neighbors in 2D, 26 in 3D) whose gradient is moved inward least at a surface. See docs/formulation.md."""
+
+
+@pytree_dataclass
+class Structure:
+    """An elastic body.
+
+    Attributes:
+        name: how the scene and its results call it.
+        particles: positions X (N, d) [m] and volumes (N,) [m^d] in the reference configuration.
+        density: rho_0 [kg/m^3], one number or (N,).
+        youngs_modulus: E [Pa], one number or (N,).
+        poisson_ratio: one number or (N,), between -1 and 0.5.
+        clamped: which particles do not follow from forces: (N,) booleans, or a function of positions (N, d) that
+            gives them. They stay where they are, or follow `motion`.
+        motion: prescribed displacement of the clamped particles, motion(t, X (N, d)) -> (N, d) [m], written
+            with jax.numpy; zero at t = 0. None holds them still.
+        velocity: initial velocity (d,) or (N, d) [m/s].
+        law: elastic law.
+        kernel: smoothing kernel.
+        smoothing_length: h [m]; None takes .87 spacings.
+
+    Raises:
+        ValueError: a value out of its range, with the limit; a shape that does not fit.
+    """
+
+    name: str = static()
+    particles: Particles
+    density: Any
+    youngs_modulus: Any
+    poisson_ratio: Any
+    clamped: Any = None
+    motion: Callable | None = static(default=None)
+    velocity: Any = None
+    law: ElasticLaw = StVenantKirchhoff()
+    kernel: Kernel = WendlandC2()
+    smoothing_length: Any = None
+
+    def __post_init__(self):
+        n, d = self.particles.positions.shape
+        real = self.particles.positions.dtype
+        if not isinstance(self.name, str) or not self.name.isidentifier():
+            raise ValueError(f"name {self.name!r} must be a word that can stand in 'name.youngs_modulus'")
+        checks.check_positive("density", self.density, "kg/m^3")
+        checks.check_positive("youngs_modulus", self.youngs_modulus, "Pa")
+        checks.check_poisson_ratio(self.poisson_ratio)
+        for name in ("density", "youngs_modulus", "poisson_ratio"):
+            value = getattr(self, name)
+            if np.shape(value) not in ((), (n,)):
+                raise ValueError(f"{name} has shape {np.shape(value)}; it must be one number or ({n},), one a particle")
+            object.__setattr__(self, name, _as_real(value, real))
+        clamped = self.clamped
+        if callable(clamped):
+            clamped = clamped(np.asarray(self.particles.positions))
+        clamped = np.zeros(n, bool) if clamped is None else np.asarray(clamped)
+        if clamped.shape != (n,) or clamped.dtype != bool:
+            raise ValueError(f"clamped has shape {clamped.shape} and type {clamped.dtype}; it must be ({n},) booleans")
+        object.__setattr__(self, "clamped", clamped)
+        velocity = np.zeros(d) if self.velocity is None else self.velocity
+        if np.shape(velocity) not in ((d,), (n, d)):
+            raise ValueError(f"velocity has shape {np.shape(velocity)}; it must be ({d},) or ({n}, {d})")
+        checks.check_finite("velocity", velocity)
+        object.__setattr__(self, "velocity", _as_real(velocity, real))
+        h = SMOOTHING_LENGTH * self.particles.spacing if self.smoothing_length is None else self.smoothing_length
+        checks.check_positive("smoothing_length", h, "m")
+        object.__setattr__(self, "smoothing_length", _as_real(h, real))
+
+    @property
+    def dimension(self) -> int:
+        """2 or 3."""
+        return self.particles.positions.shape[1]
+
+    @property
+    def n_particles(self) -> int:
+        """Number of particles."""
+        return self.particles.positions.shape[0]
+
+    @property
+    def dtype(self):
+        """Precision of the structure's arrays."""
+        return self.particles.positions.dtype
+
+
+def _as_real(value, real):
+    return jnp.asarray(value, real) if not is_concrete(value) else np.asarray(value, real)
+
+
+@pytree_dataclass
+class Topology:
+    """What of a structure is fixed before any number is traced: the order of its particles and who is near whom.
+
+    Attributes:
+        order: (N,) the user's index of each particle in cell order.
+        rank: (N,) place in cell order of each of the user's particles.
+        neighbors: list of the reference configuration, in cell order, with the coincident left out.
+    """
+
+    order: Any
+    rank: Any
+    neighbors: PairList
+
+
+def topology(structure: Structure) -> Topology:
+    """Find the neighbors in the reference configuration. Outside jit: it needs concrete positions.
+
+    Raises:
+        ValueError: traced positions or smoothing length, coincident particles, or a particle whose neighbors
+            do not span the space, so that its correction matrix does not exist.
+    """
+    if not is_concrete(structure.particles, structure.smoothing_length):
+        raise ValueError(
+            f"the positions or the smoothing length of {structure.name!r} are traced, so its neighbors cannot be "
+            "found here; compute jaxsph.topologies(scene) outside of jit/grad and pass it as topologies="
+        )
+    positions = np.asarray(structure.particles.positions, np.float64)
+    n, d = positions.shape
+    cutoff = float(structure.kernel.support_radius(float(structure.smoothing_length)))
+    cells = np.floor((positions - positions.min(axis=0)) / cutoff).astype(np.int64)
+    order = np.lexsort([*positions.T[::-1], *cells.T[::-1]])
+    positions = positions[order]
+    tree = cKDTree(positions)
+    pairs = tree.query_pairs(cutoff * (1 - 1e-9), output_type="ndarray")
+    receivers, senders = np.concatenate([pairs, pairs[:, ::-1]]).T
+    by_receiver = np.lexsort([senders, receivers])
+    receivers, senders = receivers[by_receiver], senders[by_receiver]
+    count = np.bincount(receivers, minlength=n)
+    _check_neighborhoods(structure, positions, receivers, senders, count, order)
+    slot = np.arange(len(receivers)) - np.repeat(np.cumsum(count) - count, count)
+    indices = np.tile(np.arange(n), (max(int(count.max(initial=0)), 1), 1))
+    indices[slot, receivers] = senders
+    rank = np.empty(n, np.int64)
+    rank[order] = np.arange(n)
+    return Topology(
+        order.astype(np.int32),
+        rank.astype(np.int32),
+        PairList(indices.astype(np.int32), count.astype(np.int32)),
+    )
+
+
+def _check_neighborhoods(structure, positions, receivers, senders, count, order):
+    n, d = positions.shape
+    offsets = (positions[senders] - positions[receivers]) / structure.particles.spacing
+    if len(offsets) and np.min(np.sum(offsets**2, axis=1)) < 1e-12:
+        pair = int(np.argmin(np.sum(offsets**2, axis=1)))
+        i, j = order[receivers[pair]], order[senders[pair]]
+        raise ValueError(f"particles {i} and {j} of {structure.name!r} are at the same place; leave one out")
+    moments = np.zeros((n, d, d))
+    np.add.at(moments, receivers, offsets[:, :, None] * offsets[:, None, :])
+    flat = np.linalg.eigvalsh(moments)[:, 0] < 1e-3
+    if flat.any():
+        worst = int(np.argmax(flat))
+        raise ValueError(
+            f"particle {order[worst]} of {structure.name!r} at {positions[worst]} has {count[worst]} neighbors, which do "
+            f"not span {d} dimensions: its correction matrix (16) does not exist. Make the body at least two "
+            f"particles thick, or the smoothing length ({float(structure.smoothing_length):.4g} m) larger"
+        )
+
+
+@pytree_dataclass
+class Reference:
+    """A structure made ready: everything about the reference configuration that the sums need.
+
+    Component first, particle last, in cell order. `uniform` and `varying` are the material fields that are one
+    number, and those that differ from particle to particle (only these are gathered).
+    """
+
+    neighbors: PairList
+    edges: Edges
+    correction: Any
+    uniform: dict
+    varying: dict
+    volume: Any
+    moving: Any
+    positions: Any
+
+
+def reference(structure: Structure, topology: Topology, *, penalty: bool) -> Reference:
+    """Correction matrix (16) and the kernel gradients of all pairs; differentiable in every number of the structure."""
+    order, neighbors = topology.order, topology.neighbors
+    positions = jnp.asarray(structure.particles.positions)[order].T
+    volume = jnp.asarray(structure.particles.volumes)[order]
+    h = structure.smoothing_length
+
+    def geometry(a, b):
+        x_ab = a["position"] - b["position"]
+        edge = {"gradient": b["volume"] * structure.kernel.gradient(x_ab, h)}
+        if penalty:
+            squared = dot(x_ab, x_ab)
+            weight = structure.kernel.w(x_ab, h) / jnp.where(squared > 0, squared, 1.0)
+            edge |= {"reference": x_ab, "penalty_weight": a["volume"] * b["volume"] * weight}
+        return edge
+
+    fields = {"position": positions, "volume": volume}
+    edges = pair_edges(geometry, fields, fields, neighbors)
+    # sum_b V_b grad W X_ba^T: the sign for which (16) and (17) give F = I when nothing has moved.
+    moment = pair_sum(
+        lambda a, b, edge: edge["gradient"][:, None] * (b - a)[None, :],
+        positions,
+        positions,
+        neighbors,
+        edges,
+    )
+    materials = {name: getattr(structure, name) for name in ("density", "youngs_modulus", "poisson_ratio")}
+    lam, mu = lame_parameters(materials["youngs_modulus"], materials["poisson_ratio"])
+    materials |= {"lam": lam, "mu": mu}
+    return Reference(
+        neighbors=neighbors,
+        edges=edges,
+        correction=inverse(moment),
+        uniform={name: value for name, value in materials.items() if jnp.ndim(value) == 0},
+        varying={name: value[order] for name, value in materials.items() if jnp.ndim(value) == 1},
+        volume=volume,
+        moving=jnp.asarray(~structure.clamped[order], positions.dtype),
+        positions=positions,
+    )
+
+
+def displacement_gradient(reference: Reference, displacement, *, forward_mode: bool = False):
+    """H = F - I, (d, d, N), from displacements (d, N) [m]: equation (17)."""
+
+    def of_pair(a, b, edge):
+        return (b - a)[:, None] * edge["gradient"][None, :]
+
+    uncorrected = pair_sum(
+        of_pair, displacement, displacement, reference.neighbors, reference.edges, forward_mode=forward_mode
+    )
+    return multiply(uncorrected, transpose(reference.correction))
+
+
+def elastic_acceleration(structure: Structure, reference: Reference, displacement, penalty=None, *, forward_mode=False):
+    """Acceleration by the stresses, and by the penalty force if there is one: equation (15), (d, N) [m/s^2]."""
+    gradient = displacement_gradient(reference, displacement, forward_mode=forward_mode)
+    gradient = checkpoint_name(gradient, "displacement_gradient")
+    material = {**reference.uniform, **reference.varying}
+    stress = structure.law.stress(gradient, material["lam"], material["mu"])
+    fields = {"stress": multiply(stress, reference.correction) / material["density"] ** 2}
+    needed = ["density"]
+    if penalty is not None:
+        fields |= {"displacement": displacement, "displacement_gradient": gradient}
+        needed.append("youngs_modulus")
+        fields["mass"] = material["density"] * reference.volume
+    fields |= {name: reference.varying[name] for name in needed if name in reference.varying}
+    uniform = {name: reference.uniform[name] for name in needed if name in reference.uniform}
+
+    def of_pair(a, b, edge):
+        a, b = {**uniform, **a}, {**uniform, **b}
+        total = b["density"] * apply(a["stress"] + b["stress"], edge["gradient"])
+        if penalty is not None:
+            total = total + penalty.pair_force(a, b, edge) / a["mass"]
+        return total
+
+    return pair_sum(of_pair, fields, fields, reference.neighbors, reference.edges, forward_mode=forward_mode)
+
+
+def with_particles(structure: Structure, **changes) -> Structure:
+    """A copy of a structure with other positions, volumes or spacing."""
+    return replace(structure, particles=replace(structure.particles, **changes))
