@@ -23,7 +23,9 @@ from typing import Any
 
 DOCS = Path(__file__).resolve().parent
 RESULTS = DOCS / "results"
-MARKED = re.compile(r"(<!-- results:begin *(?P<ask>[^>]*?) *-->\n)(?P<table>.*?)(<!-- results:end -->)", re.DOTALL)
+MARKED = re.compile(
+    r"(<!-- results:begin *(?P<ask>[^>]*?) *-->\n)(?P<table>.*?)(<!-- results:end -->)", re.DOTALL
+)
 
 # For each result file: its columns as (key, heading), and the command that makes it.
 TABLES: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
@@ -137,7 +139,9 @@ def pages() -> list[Path]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fill or check all pages; 0 if all went well."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--check", action="store_true", help="change nothing; fail if a page is not up to date")
+    parser.add_argument(
+        "--check", action="store_true", help="change nothing; fail if a page is not up to date"
+    )
     options = parser.parse_args(arguments)
     failed = False
     for page in pages():

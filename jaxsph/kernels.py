@@ -8,9 +8,9 @@ Every kernel gives w(R) and the slope w'(R) / R in closed form. The slope is fin
 of two coincident particles is exactly zero and no derivative of W or of its gradient, forward or reverse,
 first or second, with respect to r_vec or h, is NaN or infinite.
 
-w(R) and sigma_d of the splines and the Wendland functions are those of W. Dehnen & Aly (2012), Mon. Not. R.
-Astron. Soc. 425, 1068, table 1, where H stands for the same radius. The support in units of h is that of D. J.
-Price (2012), J. Comput. Phys. 231, 759, section 2.2, and 2 h for the Wendland functions.
+w(R) and sigma_d of the splines and the Wendland functions are those of W. Dehnen & H. Aly (2012), Mon. Not.
+R. Astron. Soc. 425, 1068, table 1, where H stands for the same radius. The support in units of h is that of
+D. J. Price (2012), J. Comput. Phys. 231, 759, section 2.2, and 2 h for the Wendland functions.
 """
 
 from __future__ import annotations
@@ -62,9 +62,7 @@ class Kernel:
         r_vec, h = _same_dtype(r_vec, h)
         return _w(self, r_vec, h)
 
-    def gradient(
-        self, r_vec: Float[ArrayLike, "d ..."], h: Float[ArrayLike, "..."]
-    ) -> Float[Array, "d ..."]:
+    def gradient(self, r_vec: Float[ArrayLike, "d ..."], h: Float[ArrayLike, "..."]) -> Float[Array, "d ..."]:
         """grad_a W(|r_a - r_b|, h) [1/m^(d+1)], shape (d,), for r_vec = r_a - r_b [m] and h [m].
 
         One square root; a division by r only in the outer pieces of the splines.
@@ -187,7 +185,7 @@ class QuinticSpline(Kernel):
         return outer - 6 * _positive(2 / 3 - ratio) ** 5 + 15 * _positive(1 / 3 - ratio) ** 5
 
     def slope(self, ratio: Array, dim: int) -> Array:
-        """-40/9 + 40 R^2 - 50 R^3 in the innermost piece; -5 ((1 - R)_+^4 - 6 (2/3 - R)_+^4) / R outside it."""
+        """-40/9 + 40 R^2 - 50 R^3 in the innermost piece; -5 ((1 - R)_+^4 - 6 (2/3 - R)_+^4) / R outside."""
         pieces = _positive(1 - ratio) ** 4 - 6 * _positive(2 / 3 - ratio) ** 4
         inner = (40 - 50 * ratio) * ratio**2 - 40 / 9
         return jnp.where(ratio < 1 / 3, inner, -5 * pieces / jnp.maximum(ratio, 1 / 3))
@@ -197,8 +195,8 @@ class QuinticSpline(Kernel):
 class WendlandC2(Kernel):
     """Wendland's C2 function (H. Wendland 1995, Adv. Comput. Math. 4, 389), support 2 h.
 
-    phi_{3,1} in 2D and 3D. In 1D it is phi_{1,1}, the polynomial of lowest degree that is positive definite on
-    the line, not the restriction of the one for 3D.
+    phi_{3,1} in 2D and 3D. In 1D it is phi_{1,1}, the polynomial of lowest degree that is positive definite
+    on the line, not the restriction of the one for 3D.
     """
 
     support = 2.0

@@ -26,7 +26,7 @@ def check_jax_version(version: str | None = None) -> None:
     for package, found in versions.items():
         if found in EXCLUDED_JAX_VERSIONS:
             raise ImportError(
-                f"{package} {found} computes wrong numbers on CPU without a message (jax issue 39103), so jaxsph "
-                f"does not run with it. Excluded: {', '.join(EXCLUDED_JAX_VERSIONS)}. "
+                f"{package} {found} computes wrong numbers on CPU without a message (jax issue 39103), so "
+                f"jaxsph does not run with it. Excluded: {', '.join(EXCLUDED_JAX_VERSIONS)}. "
                 "Cure: pip install 'jax>=0.9,!=0.10.2,!=0.11.0,!=0.11.1' (0.10.1 on Python 3.11)."
             )

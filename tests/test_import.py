@@ -85,7 +85,7 @@ def runtime_nodes(tree):
 
 
 def imported_names(path, root):
-    """Dotted names that the file at `path` imports, relative ones made absolute; `from a import b` gives a.b."""
+    """Dotted names that the file imports, relative ones made absolute; `from a import b` gives a.b."""
     package = list(path.relative_to(root).with_suffix("").parts[:-1])
     for node in runtime_nodes(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
@@ -99,8 +99,12 @@ def imported_names(path, root):
 
 
 def test_every_module_has_a_place_in_the_order():
-    entries = {path.relative_to(JAXSPH).with_suffix("").parts[0] for path in JAXSPH.rglob("*.py")} - {"__init__"}
-    assert entries <= set(ORDER), f"give {sorted(entries - set(ORDER))} a place in ORDER, above all they import"
+    entries = {path.relative_to(JAXSPH).with_suffix("").parts[0] for path in JAXSPH.rglob("*.py")} - {
+        "__init__"
+    }
+    assert entries <= set(ORDER), (
+        f"give {sorted(entries - set(ORDER))} a place in ORDER, above all they import"
+    )
 
 
 def test_imports_point_upward():
@@ -112,12 +116,16 @@ def test_imports_point_upward():
         for line, name in imported_names(path, ROOT):
             parts = name.split(".")
             if parts[0] == "inverse":
-                wrong.append(f"{path.relative_to(ROOT)}:{line} imports {name}: jaxsph knows nothing of inverse")
+                wrong.append(
+                    f"{path.relative_to(ROOT)}:{line} imports {name}: jaxsph knows nothing of inverse"
+                )
             if parts[0] != "jaxsph":
                 continue
             imported = parts[1] if len(parts) > 1 else ""
             if imported not in ORDER:
-                wrong.append(f"{path.relative_to(ROOT)}:{line} imports {name}: name the module that defines it")
+                wrong.append(
+                    f"{path.relative_to(ROOT)}:{line} imports {name}: name the module that defines it"
+                )
             elif ORDER.index(imported) > ORDER.index(importer):
                 wrong.append(f"{path.relative_to(ROOT)}:{line} imports {name}, which stands later in ORDER")
     assert not wrong, "\n".join(wrong)
@@ -149,7 +157,7 @@ def test_public_names_exist():
 
 
 def test_optional_package_is_not_a_core_dependency():
-    """The core never needs jax-md: only the selectable neighbor builder does (it brings some fifty packages)."""
+    """Only the selectable neighbor builder needs jax-md, which brings some fifty packages."""
     for path in JAXSPH.rglob("*.py"):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         top_level = [node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom)]
