@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import time
 
 import jax
@@ -130,7 +131,7 @@ class Model:
         try:
             result = jax.block_until_ready(self._compiled[kind](*arguments))
         except (RuntimeError, ArithmeticError) as error:  # raised by a callback of the simulator
-            raise RunFailed(str(error)) from error
+            raise RunFailed(_sentence(error)) from error
         finally:
             self.run_seconds += time.perf_counter() - begin
         self.precision = float(jnp.finfo(result[0].dtype).eps)
@@ -148,3 +149,10 @@ class Model:
 
     def _first_bad_column(self, jacobian: np.ndarray) -> str:
         return self.labels[int(np.flatnonzero(~np.all(np.isfinite(jacobian), axis=0))[0])]
+
+
+def _sentence(error: Exception) -> str:
+    """What an error says, without the traceback that jax wraps around the errors of callbacks."""
+    lines = str(error).splitlines()
+    said = [line for line in lines if re.match(r"[A-Za-z_][\w.]*: \S", line)]
+    return said[-1].split(": ", 1)[1] if said and len(lines) > 1 else str(error)

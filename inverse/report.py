@@ -200,6 +200,7 @@ class Fit:
         costs = np.array([entry["cost"] for entry in self.history])
         shown = np.isfinite(costs)
         bottom.semilogy(runs[shown], np.maximum(costs[shown], 1e-300), "k.-", label="cost")
+        bottom.xaxis.get_major_locator().set_params(integer=True)
         bottom.set(xlabel="simulation runs", ylabel="cost 0.5 sum r^2")
         side = bottom.twinx()
         lower, upper = self.bounds

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -105,6 +106,27 @@ def test_failing_trial_runs_shorten_the_step(toys):
     assert any("not finite" in entry["note"] for entry in fit.history)
     # only the step tolerance of 1e-5 is left
     assert fit["stiffness"] == pytest.approx(toys.stiffness, rel=1e-4)
+
+
+def test_errors_of_callbacks_are_failed_runs_with_their_sentence(toys):
+    def refuse(stiffness):
+        if stiffness > 1.02 * toys.stiffness:
+            raise RuntimeError("the time step is larger than the largest stable one")
+        return np.float64(0.0)
+
+    def simulate(scene, times, mode):
+        run = toys.oscillator_run(scene, times, mode)
+        shape = jax.ShapeDtypeStruct((), np.float64)
+        stiffness = jax.lax.stop_gradient(jnp.asarray(scene["stiffness"], float))
+        return run + jax.pure_callback(refuse, shape, stiffness, vmap_method="sequential")
+
+    scene = {"stiffness": toys.stiffness, "damping": 0.0, "gravity": toys.gravity}
+    unknown = {"stiffness": inverse.log(1, 1e4, start=toys.stiffness / 2)}
+    problem = toys.twin(scene, unknown, np.arange(1, 60) / 100, simulate, lambda run: run[:, 0])
+    fit = inverse.fit(problem)
+    notes = {entry["note"] for entry in fit.history}
+    assert "the time step is larger than the largest stable one" in notes
+    assert fit["stiffness"] == pytest.approx(toys.stiffness, rel=1e-4)  # the step tolerance is 1e-5
 
 
 def test_failing_start_raises_the_simulators_own_reason(toys):
