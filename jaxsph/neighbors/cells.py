@@ -8,6 +8,7 @@ import math
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jaxsph.neighbors.domain import Domain
@@ -135,16 +136,13 @@ class CellGrid:
                     jnp.where(below, n_along, jnp.where(above, c + span + 1 - n_along, 0)),
                 )
             )
-        found = [([], []) for _ in pieces]
-        for offset in self.row_offsets:
-            row, exists = self._row_nearby(coordinates, offset)
-            for (low, high), (first, last) in zip(pieces, found, strict=True):
-                begin = starts.at[row * n_along + low].get(mode="promise_in_bounds")
-                end = starts.at[row * n_along + high].get(mode="promise_in_bounds")
-                first.append(begin)
-                last.append(jnp.where(exists, end, begin))
-        stacked = [jnp.stack(part) for piece in found for part in piece]
-        return tuple(stacked) if self.goes_round else (*stacked, None, None)
+        row, exists = self._rows_nearby(coordinates)
+        found = []
+        for low, high in pieces:
+            first = starts.at[row * n_along + low].get(mode="promise_in_bounds")
+            last = starts.at[row * n_along + high].get(mode="promise_in_bounds")
+            found += [first, jnp.where(exists, last, first)]
+        return tuple(found) if self.goes_round else (*found, None, None)
 
     def _row(self, across):
         row = jnp.zeros_like(across[0])
@@ -152,12 +150,13 @@ class CellGrid:
             row = row * self.cells[axis] + coordinate
         return row
 
-    def _row_nearby(self, coordinates, offset):
-        """Number of the row at this offset, and whether it exists; if not, some row in its place."""
-        across, exists = [], jnp.ones(coordinates.shape[1:], bool)
-        for axis, step in zip(self.across, offset, strict=True):
+    def _rows_nearby(self, coordinates):
+        """Numbers of the rows nearby (rows, n), and whether each exists; if not, some row in its place."""
+        steps = np.asarray(self.row_offsets, np.int32)
+        across, exists = [], True
+        for number, axis in enumerate(self.across):
             cells = self.cells[axis]
-            c = coordinates[axis] + step
+            c = coordinates[axis] + steps[:, number, None]
             if self.domain.periodic[axis]:
                 c = jnp.where(c < 0, c + cells, jnp.where(c >= cells, c - cells, c))
             else:
