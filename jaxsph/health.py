@@ -10,13 +10,15 @@ import numpy as np
 from jaxsph.errors import NotFinite, SimulationError, UnstableTimeStep
 from jaxsph.pytree import pytree_dataclass
 
-GOOD, NOT_FINITE, UNSTABLE = 0, 1, 2
+GOOD, NOT_FINITE, UNSTABLE, GAVE_UP = 0, 1, 2, 3
 
 CURES = {
     NOT_FINITE: "a field became infinite or not a number; take a smaller time_step, check velocities and moduli, or "
     "add a PenaltyForce if particles alternate",
     UNSTABLE: "the time step is larger than the largest stable one; pass a smaller time_step (in a fit: the one for "
     "the upper end of the bounds)",
+    GAVE_UP: "the error-controlled solver did not reach the end; allow more max_steps, loosen the tolerances, or check "
+    "velocities and moduli",
 }
 
 
@@ -62,33 +64,31 @@ def all_finite(columns) -> Any:
     return finite
 
 
-def raise_if_failed(health: Health, systems: dict, time_step: float, trajectory=None) -> None:
-    """Raise what a health says, naming the first particle that is not finite. Outside jit only.
+def raise_if_failed(state, trajectory=None) -> None:
+    """Raise what the health of a state says, naming the first particle that is not finite. Outside jit only.
 
     Args:
-        health: of the state.
-        systems: the fields (particle first) in which to look for the culprit.
-        time_step: [s], to tell the time of failure.
-        trajectory: what was computed, handed on with the error.
+        state: with fields particle first.
+        trajectory: what was computed before, handed on with the error.
     """
-    reason = int(health.reason)
+    health = state.health
+    reason, step = int(health.reason), int(health.step)
     if reason == GOOD:
         return
-    step = int(health.step)
     if reason == UNSTABLE:
         raise UnstableTimeStep(
-            f"time step {float(health.number):.4g} s is larger than the largest stable one, {float(health.limit):.4g} s. "
-            "Pass time_step=None, or a smaller one (in a fit: the one for the upper end of the bounds)",
+            f"time step {float(health.number):.4g} s is larger than the largest stable one, "
+            f"{float(health.limit):.4g} s. Pass time_step=None, or a smaller one (in a fit: the one for the upper end of "
+            "the bounds)",
             trajectory,
         )
+    time = f"t = {float(state.time):.6g} s"
+    if reason == GAVE_UP:
+        raise SimulationError(f"stopped after step {step}, before {time}: {CURES[reason]}", trajectory)
     where = ""
-    for name, fields in systems.items():
+    for name, fields in state.systems.items():
         for field, value in fields.items():
             bad = ~np.isfinite(np.asarray(value)).reshape(len(value), -1).all(axis=1)
             if bad.any() and not where:
                 where = f": {field} of particle {int(np.argmax(bad))} of {name!r} ({int(bad.sum())} particles in all)"
-    kind = NotFinite if reason == NOT_FINITE else SimulationError
-    raise kind(
-        f"not finite at or before step {step} (t = {step * time_step:.6g} s){where}; {CURES[reason]}",
-        trajectory,
-    )
+    raise NotFinite(f"not finite at or before step {step} ({time}){where}; {CURES[reason]}", trajectory)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from jaxsph.dynamics import (
     topologies,
 )
 from jaxsph.errors import UnstableTimeStep
-from jaxsph.health import CURES, GOOD, NOT_FINITE, UNSTABLE, all_finite, raise_if_failed
+from jaxsph.health import CURES, GAVE_UP, GOOD, NOT_FINITE, UNSTABLE, all_finite, raise_if_failed
 from jaxsph.integrate import Diffrax, KickDriftKick
 from jaxsph.pytree import is_concrete, replace
 from jaxsph.state import State, check_state, initial_state, to_columns, to_rows
@@ -71,6 +72,7 @@ def simulate(
         ValueError: arguments that do not fit.
         UnstableTimeStep: time_step is larger than the largest stable one.
         NotFinite: a field blew up. The error's `trajectory` holds what was computed, and `out` is whole.
+        SimulationError: the error-controlled solver gave up; the same holds.
     """
     if mode not in ("reverse", "forward"):
         raise ValueError(f"mode {mode!r} must be 'reverse' or 'forward'")
@@ -106,10 +108,10 @@ def simulate(
         first, states = _run_traced(
             scene, found, state, taken, n_saves=n_saves, memory_budget=int(memory_budget), **options
         )
-        states = _raise_in_traced(states)
+        states = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, _raise_in_traced(states))
     else:
-        first, states = _run(scene, found, state, taken, n_saves, progress, out, options)
-    return Trajectory(scene, jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, states), float(taken))
+        states = _run(scene, found, state, taken, n_saves, progress, out, options)
+    return Trajectory(scene, states, float(taken))
 
 
 def _intervals(t_end, save_every):
@@ -208,11 +210,14 @@ def _solve(scene, references, columns, state, found, time_step, n_saves, n_steps
     saved, reached, steps = integrator.solve(
         scene, references, columns, state.time, times, dt, forward_mode=forward_mode
     )
-    health = replace(state.health, reason=jnp.int32(GOOD), step=jnp.int32(-1))  # the controller takes care of the step
-    health = health.note(~(reached & all_finite(jax.lax.stop_gradient(saved))), NOT_FINITE, steps)
-    rows = jax.vmap(partial(to_rows, topologies=found))(saved)
-    each = lambda leaf: jnp.broadcast_to(leaf, (n_saves, *jnp.shape(leaf)))  # noqa: E731
-    return State(times, each(state.step + jnp.asarray(steps, jnp.int32)), rows, jax.tree.map(each, health))
+    step = state.step + jnp.asarray(steps, jnp.int32)
+
+    def at_save(columns, time):
+        finite = all_finite(jax.lax.stop_gradient(columns))  # a solver that gave up leaves infinities
+        health = state.health.note(~finite & ~reached, GAVE_UP, step).note(~finite, NOT_FINITE, step)
+        return State(time, step, to_rows(columns, found), health)
+
+    return jax.vmap(at_save)(saved, times)
 
 
 _solve_compiled = jax.jit(_solve, static_argnames=("n_saves", "n_steps", "integrator", "forward_mode"))
@@ -221,51 +226,52 @@ _solve_compiled = jax.jit(_solve, static_argnames=("n_saves", "n_steps", "integr
 def _run(scene, found, state, time_step, n_saves, progress, out, options):
     """Advance from save to save with plain numbers."""
     references, columns = _begin_compiled(scene, found, state)
-    first = _with_rows(state, columns, found)
+    first = jax.device_get(_with_rows(state, columns, found))
+    saved = [first]
+    whole = lambda: jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *saved)  # noqa: E731
+    writer = nullcontext() if out is None else _writer(out, scene, found, time_step, n_saves, options)
+    with writer as file:
+        if file is not None:
+            file.append_state(first)
+        states = _states(scene, references, columns, state, found, time_step, n_saves, options)
+        for rows in _bar(states, n_saves, progress):
+            if int(rows.health.reason) != GOOD:
+                raise_if_failed(rows, Trajectory(scene, whole(), float(time_step)))
+            saved.append(rows)
+            if file is not None:
+                file.append_state(rows)
+    return whole()
+
+
+def _states(scene, references, columns, state, found, time_step, n_saves, options):
+    """The state at each save, one after the other."""
     if isinstance(options["integrator"], Diffrax):
         states = _solve_compiled(scene, references, columns, state, found, time_step, n_saves, **options)
-        last = jax.tree.map(lambda leaf: leaf[-1], states)
-        raise_if_failed(last.health, last.systems, time_step)
-        if out is not None:
-            with _writer(out, scene) as writer:
-                for i in range(n_saves):
-                    writer.append_state(jax.tree.map(lambda leaf, i=i: leaf[i], states))
-        return first, states
+        states = jax.device_get(states)
+        for i in range(n_saves):
+            yield jax.tree.map(lambda leaf, i=i: leaf[i], states)
+        return
     state = replace(state, systems={})
-    saved = []
-    writer = _writer(out, scene) if out is not None else None
-    try:
-        if writer is not None:
-            writer.append_state(first)
-        for _ in _bar(range(n_saves), progress):
-            columns, state = _advance_compiled(scene, references, columns, state, time_step, **options)
-            rows = jax.device_get(_with_rows(state, columns, found))
-            if int(rows.health.reason) != GOOD:
-                whole = jax.tree.map(lambda *leaves: np.stack(leaves), first, *saved)
-                raise_if_failed(rows.health, rows.systems, time_step, Trajectory(scene, whole, float(time_step)))
-            saved.append(rows)
-            if writer is not None:
-                writer.append_state(rows)
-    finally:
-        if writer is not None:
-            writer.close()
-    return first, jax.tree.map(lambda *leaves: np.stack(leaves), *saved)
+    for _ in range(n_saves):
+        columns, state = _advance_compiled(scene, references, columns, state, time_step, **options)
+        yield jax.device_get(_with_rows(state, columns, found))
 
 
-def _writer(out, scene):
-    from jaxsph.files import writer_for_scene
+def _writer(out, scene, found, time_step, n_saves, options):
+    from jaxsph.files import RunWriter  # h5py, for runs that are saved
 
-    return writer_for_scene(out, scene)
+    about = {"time_step": float(time_step), "integrator": type(options["integrator"]).__name__}
+    return RunWriter(out, scene, found, metadata=about, saves=n_saves + 1)
 
 
-def _bar(steps: Iterable, progress: bool):
+def _bar(states: Iterable, n_saves: int, progress: bool):
     if not progress:
-        return steps
+        return states
     try:
         from tqdm import tqdm
     except ImportError as error:
         raise ImportError("progress=True needs tqdm: pip install 'jaxsph[plot]'") from error
-    return tqdm(steps, unit="save", desc="simulate")
+    return tqdm(states, total=n_saves, unit="save", desc="simulate")
 
 
 def _raise_in_traced(states: State) -> State:

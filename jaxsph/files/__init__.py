@@ -7,12 +7,14 @@ what the numbers are (units, versions, parameters of the scene) and keeps the la
 from jaxsph.files.check import FORMAT_VERSION
 from jaxsph.files.reader import read_trajectory
 from jaxsph.files.restart import fingerprint, read_state
+from jaxsph.files.run import RunWriter
 from jaxsph.files.units import UNITS, parameters
 from jaxsph.files.writer import TrajectoryWriter
 
 __all__ = [
     "FORMAT_VERSION",
     "UNITS",
+    "RunWriter",
     "TrajectoryWriter",
     "fingerprint",
     "parameters",

@@ -5,6 +5,7 @@ screen and inside other programs. matplotlib is imported by the first call (extr
 """
 
 from jaxsph.plot.disks import animate, particles
+from jaxsph.plot.run import animate_trajectory, snapshot
 from jaxsph.plot.series import time_series
 
-__all__ = ["animate", "particles", "time_series"]
+__all__ = ["animate", "animate_trajectory", "particles", "snapshot", "time_series"]
