@@ -12,8 +12,9 @@ JAXSPH = ROOT / "jaxsph"
 INVERSE = ROOT / "inverse"
 
 # From the foundations up: a module imports only what stands before it. A package counts as one entry; its
-# own modules may import each other. `health` stands before `state`, which carries its flags, and `files`
-# before `simulate`, which saves results as they are produced.
+# own modules may import each other. `health` stands before `state`, which carries its flags; `files`
+# before `simulate`, which saves results as they are produced; `geometry` before the systems that are filled with
+# its particles; systems and effects before the scene that lists them.
 ORDER = [
     "versions",
     "errors",
@@ -26,13 +27,14 @@ ORDER = [
     "linear_call",
     "pair_sum",
     "health",
-    "state",
-    "scene",
+    "geometry",
     "fluid",
     "structure",
     "walls",
     "coupling",
     "effects",
+    "scene",
+    "state",
     "dynamics",
     "observe",
     "plot",
@@ -40,7 +42,6 @@ ORDER = [
     "files",
     "integrate",
     "simulate",
-    "geometry",
     "scenes",
     "accuracy",
 ]
