@@ -9,7 +9,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, ArrayLike, Int
 
 from jaxsph.neighbors import jax_md
 from jaxsph.neighbors.cells import CellGrid, cell_order
@@ -32,7 +32,7 @@ class NeighborSearch:
     builder: str
     grid: CellGrid
 
-    def allocate(self, positions: Float[Array, "d n"], senders: Float[Array, "d m"] | None = None) -> NeighborList:
+    def allocate(self, positions: ArrayLike, senders: ArrayLike | None = None) -> NeighborList:
         """Build a list and choose the sizes of its arrays from the data. Outside jit.
 
         Args:
@@ -63,9 +63,9 @@ class NeighborSearch:
 
     def update(
         self,
-        positions: Float[Array, "d n"],
+        positions: ArrayLike,
         neighbors: NeighborList,
-        senders: Float[Array, "d m"] | None = None,
+        senders: ArrayLike | None = None,
         in_cell_order: bool = False,
     ) -> NeighborList:
         """Build the list again for new positions, with the arrays' sizes as they are. Works inside jit.
@@ -103,7 +103,7 @@ class NeighborSearch:
             return jax_md.update(self, flagged, positions)
         return _rebuilt(self.grid, flagged, positions, senders, in_cell_order)
 
-    def sort(self, positions: Float[Array, "d n"]) -> Int[Array, " n"]:
+    def sort(self, positions: ArrayLike) -> Int[Array, " n"]:
         """The permutation that puts particles in cell order. Works inside jit.
 
         Particles that are near each other in space are then near each other in memory, which makes the search and
@@ -152,9 +152,9 @@ class NeighborSearch:
 
 def neighbor_list(
     domain: Domain,
-    cutoff: float,
-    skin: float = 0.0,
-    capacity_multiplier: float = 1.25,
+    cutoff: float | int,
+    skin: float | int = 0.0,
+    capacity_multiplier: float | int = 1.25,
     builder: str = "cells",
 ) -> NeighborSearch:
     """Neighbor search in a domain, after the conventions of jax-md's `partition.neighbor_list`.

@@ -40,7 +40,7 @@ class CellGrid:
     along: int
 
     @classmethod
-    def covering(cls, domain: Domain, reach: float, fineness: tuple[int, int] = (2, 4)) -> CellGrid:
+    def covering(cls, domain: Domain, reach: float | int, fineness: tuple[int, int] = (2, 4)) -> CellGrid:
         """The grid whose cells measure at least reach / fineness, across and along the rows.
 
         Raises ValueError if a periodic axis is shorter than twice the reach, where a particle would meet two

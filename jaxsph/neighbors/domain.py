@@ -10,6 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+Numbers = Sequence[float | int] | np.ndarray
+
 
 @dataclasses.dataclass(frozen=True, init=False)
 class Domain:
@@ -32,11 +34,8 @@ class Domain:
     upper: tuple[float, ...]
     periodic: tuple[bool, ...] = (False,)
 
-    def __init__(
-        self, lower: Sequence[float], upper: Sequence[float], periodic: bool | Sequence[bool] = False
-    ):
-        lower = tuple(float(value) for value in lower)
-        upper = tuple(float(value) for value in upper)
+    def __init__(self, lower: Numbers, upper: Numbers, periodic: bool | Sequence[bool] = False):
+        lower, upper = tuple(map(float, lower)), tuple(map(float, upper))
         if len(lower) not in (2, 3) or len(upper) != len(lower):
             raise ValueError(
                 f"a domain has 2 or 3 axes, the same number in both bounds; got lower={lower}, upper={upper}"
@@ -57,7 +56,7 @@ class Domain:
         object.__setattr__(self, "periodic", periodic)
 
     @classmethod
-    def around(cls, positions, margin: float) -> Domain:
+    def around(cls, positions, margin: float | int) -> Domain:
         """The free box that holds positions (d, N) and `margin` [m] more on every side.
 
         Raises ValueError if there are no positions, one is not finite, or the margin is negative.
@@ -81,7 +80,7 @@ class Domain:
         """Edge lengths [m]."""
         return tuple(high - low for low, high in zip(self.lower, self.upper, strict=True))
 
-    def displacement(self, a, b):
+    def displacement(self, a: Array, b: Array) -> Array:
         """The vector a - b [m], along periodic axes to the nearest image of b.
 
         Component first: a and b are (d, ...) and broadcast. displacement(b, a) is exactly the opposite, also in

@@ -96,7 +96,7 @@ def to_jax_md(neighbors: NeighborList, capacity_multiplier: float = 1.25) -> Any
     return _as_jax_md(functions, neighbors, shifted, reach, cell_capacity, overflow)
 
 
-def from_jax_md(neighbors: Any, domain: Domain, cutoff: float, skin: float = 0.0) -> NeighborList:
+def from_jax_md(neighbors: Any, domain: Domain, cutoff: float | int, skin: float | int = 0.0) -> NeighborList:
     """Convert a list of jax-md, format Dense, to ours. Outside jit.
 
     Args:

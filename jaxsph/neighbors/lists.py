@@ -99,7 +99,9 @@ def is_valid(neighbors: NeighborList, positions, senders=None) -> Bool[Array, ""
     return (distance < neighbors.skin) | (distance == 0)
 
 
-def safe_steps(skin: float, time_step: float, max_speed: float, max_sender_speed: float | None = None) -> int:
+def safe_steps(
+    skin: float | int, time_step: float, max_speed: float | int, max_sender_speed: float | int | None = None
+) -> int:
     """The number of steps for which a list stays valid if nobody is faster than given.
 
     Args:
