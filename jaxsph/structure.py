@@ -212,30 +212,28 @@ def reference(structure: Structure, topology: Topology, *, penalty: bool) -> Ref
 
     def geometry(a, b):
         x_ab = a["position"] - b["position"]
-        edge = {"gradient": b["volume"] * structure.kernel.gradient(x_ab, h)}
+        volumes = a["volume"] * b["volume"]
+        edge = {"gradient": volumes * structure.kernel.gradient(x_ab, h)}
         if penalty:
             squared = dot(x_ab, x_ab)
             weight = structure.kernel.w(x_ab, h) / jnp.where(squared > 0, squared, 1.0)
-            edge |= {"reference": x_ab, "penalty_weight": a["volume"] * b["volume"] * weight}
+            edge |= {"reference": x_ab, "penalty_weight": volumes * weight}
         return edge
 
-    fields = {"position": positions, "volume": volume}
-    edges = pair_edges(geometry, fields, fields, neighbors)
-    # sum_b V_b grad W X_ba^T: the sign for which (16) and (17) give F = I when nothing has moved.
+    # With both volumes in it every pair is symmetric or antisymmetric, and its gradient costs half.
+    edges = pair_edges(geometry, {"position": positions, "volume": volume}, neighbors, backward=False)
+    # V_a sum_b V_b grad W X_ba^T: the sign for which (16) and (17) give F = I when nothing has moved.
     moment = pair_sum(
         lambda a, b, edge: edge["gradient"][:, None] * (b - a)[None, :],
-        positions,
-        positions,
-        neighbors,
-        edges,
-    )
+        positions, positions, neighbors, edges, symmetry=1,
+    )  # fmt: skip
     materials = {name: getattr(structure, name) for name in ("density", "youngs_modulus", "poisson_ratio")}
     lam, mu = lame_parameters(materials["youngs_modulus"], materials["poisson_ratio"])
     materials |= {"lam": lam, "mu": mu}
     return Reference(
         neighbors=neighbors,
         edges=edges,
-        correction=inverse(moment),
+        correction=volume * inverse(moment),
         uniform={name: value for name, value in materials.items() if jnp.ndim(value) == 0},
         varying={name: value[order] for name, value in materials.items() if jnp.ndim(value) == 1},
         volume=volume,
@@ -251,9 +249,9 @@ def displacement_gradient(reference: Reference, displacement, *, forward_mode: b
         return (b - a)[:, None] * edge["gradient"][None, :]
 
     uncorrected = pair_sum(
-        of_pair, displacement, displacement, reference.neighbors, reference.edges, forward_mode=forward_mode
+        of_pair, displacement, displacement, reference.neighbors, reference.edges, symmetry=1, forward_mode=forward_mode
     )
-    return multiply(uncorrected, transpose(reference.correction))
+    return multiply(uncorrected, transpose(reference.correction) / reference.volume)
 
 
 def elastic_acceleration(structure: Structure, reference: Reference, displacement, penalty=None, *, forward_mode=False):
@@ -267,18 +265,20 @@ def elastic_acceleration(structure: Structure, reference: Reference, displacemen
     if penalty is not None:
         fields |= {"displacement": displacement, "displacement_gradient": gradient}
         needed.append("youngs_modulus")
-        fields["mass"] = material["density"] * reference.volume
     fields |= {name: reference.varying[name] for name in needed if name in reference.varying}
     uniform = {name: reference.uniform[name] for name in needed if name in reference.uniform}
 
-    def of_pair(a, b, edge):
+    def force(a, b, edge):
         a, b = {**uniform, **a}, {**uniform, **b}
-        total = b["density"] * apply(a["stress"] + b["stress"], edge["gradient"])
+        total = a["density"] * b["density"] * apply(a["stress"] + b["stress"], edge["gradient"])
         if penalty is not None:
-            total = total + penalty.pair_force(a, b, edge) / a["mass"]
+            total = total + penalty.pair_force(a, b, edge)
         return total
 
-    return pair_sum(of_pair, fields, fields, reference.neighbors, reference.edges, forward_mode=forward_mode)
+    total = pair_sum(
+        force, fields, fields, reference.neighbors, reference.edges, symmetry=-1, forward_mode=forward_mode
+    )
+    return total / (material["density"] * reference.volume)
 
 
 def with_particles(structure: Structure, **changes) -> Structure:
