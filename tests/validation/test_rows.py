@@ -1,0 +1,79 @@
+"""The file of results, and the reading of oscillations, on which every row stands."""
+
+import numpy as np
+import pytest
+from motion import csm3_reference, first_mode, oscillation
+from reference import number
+from rows import Case, Row, as_record, holds, load, merge, save
+
+
+def record(name: str, figure: str, value: float, limit: float | None = 1.0):
+    return as_record(Case(name, name, lambda quick: iter(())), Row(figure, value, limit, "9 across", "float64"), 1.0)
+
+
+def test_limit_bounds_a_value_from_above():
+    assert holds(record("a", "error", 1.0))
+    assert not holds(record("a", "error", 1.0 + 1e-12))
+    assert holds(record("a", "seconds", 1e9, None))
+
+
+def test_value_that_is_not_finite_misses_its_limit():
+    assert record("a", "error", float("nan"))["value"] is None
+    assert not holds(record("a", "error", float("nan")))
+    assert not holds(record("a", "error", float("inf"), None))
+
+
+def test_merging_keeps_other_cases_and_drops_stale_rows():
+    old = [record("b", "kept", 1), record("a", "gone", 2), record("a", "same", 3)]
+    new = [record("a", "same", 4)]
+    order = ["a", "b"]
+
+    def figures(rows):
+        return [(row["figure"], row["value"]) for row in rows]
+
+    # while case a still runs, what it has not made anew stays
+    assert figures(merge(old, new, [], order)) == [("gone", 2), ("same", 4), ("kept", 1)]
+    assert figures(merge(old, new, ["a"], order)) == [("same", 4), ("kept", 1)]
+
+
+def test_file_is_read_as_written(tmp_path):
+    rows = [record("a", "error", 0.5), record("a", "broken", float("nan"))]
+    assert load(tmp_path / "rows.json") == []
+    save(tmp_path / "rows.json", rows)
+    assert load(tmp_path / "rows.json") == rows
+
+
+def test_oscillation_of_a_known_signal():
+    times = np.linspace(0, 10, 2001)
+    found = oscillation(times, 2 + 3 * np.cos(2 * np.pi * 1.1 * times + 0.4))
+    # samples 5 ms apart miss a peak by (1 - cos(pi 1.1 .005)) = 1.5e-4; linear crossings err by far less
+    assert found.amplitude == pytest.approx(3, rel=2e-4)
+    assert found.mean == pytest.approx(2, abs=1e-3)
+    assert found.frequency == pytest.approx(1.1, rel=1e-5)
+
+
+def test_oscillation_needs_two_crossings():
+    times = np.linspace(0, 1, 100)
+    with pytest.raises(ValueError, match="two are needed"):
+        oscillation(times, np.cos(2 * np.pi * times))
+
+
+def test_reference_series_agrees_with_the_published_values():
+    found = csm3_reference()
+    # featflow's finest time step published, .005 s on a coarse mesh, is .5 % from the converged frequency
+    assert found.frequency == pytest.approx(1.0995, rel=6e-3)
+    # the amplitude of its finer mesh: .064595 with a time step of .02 s, which damps by 1.6 %
+    assert found.amplitude == pytest.approx(number("solid/turek_hron_csm.csv", "amplitude",
+                                                   case="CSM3(dt=.02,lev2+0)", quantity="uy_A"), rel=0.02)  # fmt: skip
+
+
+def test_first_mode_is_clamped_and_free():
+    x = np.linspace(0, 1, 1001)
+    shape = first_mode(x)
+    assert shape[0] == 0
+    assert shape[-1] == 1
+    second = np.gradient(np.gradient(shape, x), x)
+    assert abs(shape[1]) < 1e-5  # no slope at the root: it grows like x^2
+    # no bending moment at the tip: 3.52 there at the root, one-sided differences leave 1e-2
+    assert abs(second[-3]) < 0.02
+    assert first_mode(np.array([-0.1]))[0] == 0
