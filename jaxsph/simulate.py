@@ -170,14 +170,14 @@ def _advance(scene, references, columns, state, time_step, n_steps, integrator, 
     return columns, replace(state, time=state.time + dt * n_steps, step=step, health=health)
 
 
-_advance_compiled = jax.jit(_advance, static_argnames=("n_steps", "integrator", "forward_mode", "block_length"))
+_advance_compiled = jax.jit(_advance, static_argnames=("n_steps", "forward_mode", "block_length"))
 
 
 def _with_rows(state, columns, found):
     return replace(state, systems=to_rows(columns, found))
 
 
-@partial(jax.jit, static_argnames=("n_saves", "n_steps", "integrator", "forward_mode", "memory_budget"))
+@partial(jax.jit, static_argnames=("n_saves", "n_steps", "forward_mode", "memory_budget"))
 def _run_traced(scene, found, state, time_step, *, n_saves, n_steps, integrator, forward_mode, memory_budget):
     references, columns = _begin(scene, found, state, forward_mode=forward_mode)
     first = _with_rows(state, columns, found)
@@ -220,7 +220,7 @@ def _solve(scene, references, columns, state, found, time_step, n_saves, n_steps
     return jax.vmap(at_save)(saved, times)
 
 
-_solve_compiled = jax.jit(_solve, static_argnames=("n_saves", "n_steps", "integrator", "forward_mode"))
+_solve_compiled = jax.jit(_solve, static_argnames=("n_saves", "n_steps", "forward_mode"))
 
 
 def _run(scene, found, state, time_step, n_saves, progress, out, options):

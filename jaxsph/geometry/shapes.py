@@ -43,7 +43,9 @@ class Particles:
         return self.positions.shape[0]
 
     def __or__(self, other: Particles) -> Particles:
-        """Both sets together; they should not overlap."""
+        """Both sets together; they should not overlap. Raises ValueError if their dimensions differ."""
+        if self.positions.shape[1] != other.positions.shape[1]:
+            raise ValueError(f"particles in {self.positions.shape[1]}D and {other.positions.shape[1]}D cannot be joined")
         return Particles(
             np.concatenate([self.positions, other.positions]),
             np.concatenate([self.volumes, other.volumes]),
@@ -111,10 +113,12 @@ def box(corner, size, spacing: float, *, on_surface: bool = False, dtype=None) -
 def ball(center, radius: float, spacing: float, *, dtype=None) -> Particles:
     """A disk (2D) or ball (3D) cut out of a square lattice around its center, with its exact total volume.
 
-    Raises ValueError for a radius below the spacing.
+    Raises ValueError for a radius below the spacing, or a center that has not 2 or 3 components.
     """
     check_spacing(spacing)
     center = np.asarray(center, float)
+    if center.shape not in ((2,), (3,)):
+        raise ValueError(f"center {center} must have 2 or 3 components")
     if not radius >= spacing:
         raise ValueError(f"radius {radius} must be at least the particle spacing {spacing}")
     reach = math.ceil(radius / spacing)
@@ -128,7 +132,12 @@ def ball(center, radius: float, spacing: float, *, dtype=None) -> Particles:
 
 
 def jitter(particles: Particles, fraction: float, seed: int) -> Particles:
-    """Move every particle at random by up to `fraction` of the spacing along each axis."""
+    """Move every particle at random by up to `fraction` of the spacing along each axis.
+
+    Raises ValueError for a fraction outside of 0 to 1/2, where particles could meet.
+    """
+    if not 0 <= fraction < 0.5:
+        raise ValueError(f"fraction = {fraction} of the spacing must be at least 0 and less than 0.5: particles would meet")
     shift = np.random.default_rng(seed).uniform(-1, 1, particles.positions.shape) * fraction * particles.spacing
     return Particles(
         (particles.positions + shift).astype(particles.positions.dtype), particles.volumes, particles.spacing

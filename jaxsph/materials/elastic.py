@@ -117,4 +117,5 @@ def von_mises(stress, poisson_ratio):
         normal.append(poisson_ratio * (normal[0] + normal[1]))
     differences = sum((normal[i] - normal[j]) ** 2 for i in range(3) for j in range(i))
     squared = 0.5 * differences + 3 * sum(s**2 for s in shear)
-    return jnp.sqrt(squared)
+    # The slope of the root is infinite without stress: there the derivative is taken as zero.
+    return jnp.where(squared > 0, jnp.sqrt(jnp.where(squared > 0, squared, 1.0)), 0.0)
