@@ -2,13 +2,17 @@
 
 A page asks for a table with a pair of markers, and everything between them is replaced:
 
-    <!-- results:begin validation -->        every row of docs/results/validation.json
-    <!-- results:begin validation csm3 -->   the rows whose id starts with csm3
-    <!-- results:begin benchmark -->         every row of docs/results/benchmark.json
-    <!-- results:begin -->                   both tables
+    <!-- results:begin validation -->          every row of docs/results/validation.json
+    <!-- results:begin validation S03,S05 -->  the rows whose id starts with S03 or S05
+    <!-- results:begin benchmark -->           every row of docs/results/benchmark.json
+    <!-- results:begin modal -->               every row of docs/results/modal.json
+    <!-- results:begin -->                     validation and benchmark
     <!-- results:end -->
 
-`python docs/build.py` writes; `python docs/build.py --check` fails if a page is not up to date.
+The notebooks in docs/notebooks/*.py are then run, and stored with their outputs as .ipynb beside them.
+
+`python docs/build.py` writes; with `--check` it changes and runs nothing, and fails if a page is not up to date;
+with `--no-notebooks` it fills the tables only.
 """
 
 from __future__ import annotations
@@ -23,9 +27,7 @@ from typing import Any
 
 DOCS = Path(__file__).resolve().parent
 RESULTS = DOCS / "results"
-MARKED = re.compile(
-    r"(<!-- results:begin *(?P<ask>[^>]*?) *-->\n)(?P<table>.*?)(<!-- results:end -->)", re.DOTALL
-)
+MARKED = re.compile(r"(<!-- results:begin *(?P<ask>[^>]*?) *-->\n)(?P<table>.*?)(<!-- results:end -->)", re.DOTALL)
 
 # For each result file: its columns as (key, heading), and the command that makes it.
 TABLES: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
@@ -54,7 +56,20 @@ TABLES: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
         ),
         "make bench",
     ),
+    "modal": (
+        (
+            ("case", "particles are"),
+            ("h", "h / spacing"),
+            ("error_5", "5 across [%]"),
+            ("error_10", "10 across [%]"),
+            ("error_20", "20 across [%]"),
+            ("bending_20", "20 across, by bending alone [%]"),
+            ("modes", "modes below 50 Hz without penalty"),
+        ),
+        "python examples/modal_analysis.py --json docs/results/modal.json",
+    ),
 }
+ALL_TABLES = ("validation", "benchmark")  # what a marker without a name asks for
 
 
 class BuildError(Exception):
@@ -106,14 +121,18 @@ def markdown_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[tuple[st
 
 
 def tables(ask: str, results: Path = RESULTS) -> str:
-    """What stands between the markers for one request: "", "validation", "validation csm3", "benchmark"..."""
-    name, _, prefix = ask.partition(" ")
+    """What stands between the markers for one request: "", "validation", "validation S03,S05", "benchmark"..."""
+    name, _, listed = ask.partition(" ")
     parts = []
-    for table in [name] if name else TABLES:
+    for table in [name] if name else ALL_TABLES:
         columns, command = TABLES.get(table, ((), ""))
-        rows = [row for row in load_rows(table, results) if str(row["id"]).startswith(prefix)]
-        if not rows:
-            raise BuildError(f"{table}.json has no row whose id starts with {prefix!r}")
+        everything = load_rows(table, results)
+        rows = []
+        for prefix in listed.split(","):
+            found = [row for row in everything if str(row["id"]).startswith(prefix.strip()) and row not in rows]
+            if not found:
+                raise BuildError(f"{table}.json has no row whose id starts with {prefix.strip()!r}: run `{command}`")
+            rows += found
         machines = sorted({str(row["machine"]) for row in rows})
         parts.append(f"{markdown_table(rows, columns)}\nMade by `{command}` on {'; '.join(machines)}.\n")
     return "\n" + "\n".join(parts) + "\n"
@@ -137,11 +156,10 @@ def pages() -> list[Path]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Fill or check all pages; 0 if all went well."""
+    """Fill or check all pages, and run the notebooks; 0 if all went well."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument(
-        "--check", action="store_true", help="change nothing; fail if a page is not up to date"
-    )
+    parser.add_argument("--check", action="store_true", help="change nothing; fail if a page is not up to date")
+    parser.add_argument("--no-notebooks", action="store_true", help="fill the tables only")
     options = parser.parse_args(arguments)
     failed = False
     for page in pages():
@@ -160,7 +178,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
         else:
             page.write_text(new, encoding="utf-8")
             print(f"{page.name}: written")
+    if not (options.check or options.no_notebooks):
+        for source in sorted((DOCS / "notebooks").glob("*.py")):
+            print(f"{source.name}: running", flush=True)
+            print(f"{run_notebook(source).name}: written")
     return int(failed)
+
+
+def run_notebook(source: Path) -> Path:
+    """Run a notebook written as a script with `# %%` cells and store it, outputs included, as .ipynb beside it.
+
+    Raises nbclient's CellExecutionError, with the cell and its traceback, if a cell fails.
+    """
+    import jupytext
+    import nbformat
+    from nbclient import NotebookClient
+
+    notebook = jupytext.read(source)
+    notebook.metadata["kernelspec"] = {"name": "python3", "display_name": "Python 3", "language": "python"}
+    client = NotebookClient(
+        notebook, timeout=900, record_timing=False, resources={"metadata": {"path": str(source.parent)}}
+    )
+    client.execute()
+    for number, cell in enumerate(notebook.cells):
+        cell["id"] = f"cell-{number}"  # not a random one: a new run should differ where the results do
+    stored = source.with_suffix(".ipynb")
+    nbformat.write(notebook, stored)
+    return stored
 
 
 if __name__ == "__main__":
