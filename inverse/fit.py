@@ -78,7 +78,7 @@ def fit(
         best, converged, message = adam(model, max_iterations or 500, small, rate, stages, history.record)
     if progress:
         print(message)
-    uncertainty, reason = _uncertainty(model, best)
+    best, uncertainty, reason = _uncertainty(model, best)
     return _result(
         model,
         method,
@@ -130,19 +130,19 @@ class History:
             )
 
 
-def _uncertainty(model: Model, best: Evaluation) -> tuple[Uncertainty | None, str]:
+def _uncertainty(model: Model, best: Evaluation) -> tuple[Evaluation, Uncertainty | None, str]:
     if best.jacobian.shape[0] == 0:
         count = best.jacobian.shape[1]
         if count > JACOBIAN_LIMIT:
-            return None, (
+            return best, None, (
                 f"no standard errors: a Jacobian of {count} unknowns would take {count} forward-mode "
                 f"tangents (limit {JACOBIAN_LIMIT})"
             )
         try:
             best = model.evaluate(best.z)
         except RunFailed as failure:
-            return None, f"no standard errors: the Jacobian at the optimum failed ({failure})"
-    return estimate(model, best), ""
+            return best, None, f"no standard errors: the Jacobian at the optimum failed ({failure})"
+    return best, estimate(model, best), ""
 
 
 def _result(
@@ -160,6 +160,9 @@ def _result(
     messages = list(uncertainty.messages) if uncertainty is not None else [reason]
     signal = data.values - np.mean(data.values, axis=0)
     misfit = (best.residual * model.deviation).reshape(data.values.shape)
+    sensitivity = None
+    if best.jacobian.shape[0]:
+        sensitivity = best.jacobian * model.deviation[:, None] / problem.slopes(best.z)
     if np.sum(misfit**2) > POOR_FIT**2 * np.sum(signal**2) > 0:
         messages.append(
             f"poor fit: the misfit is {np.sqrt(np.sum(misfit**2) / np.sum(signal**2)):.2g} times the "
@@ -184,6 +187,7 @@ def _result(
         simulated=data.values + misfit,
         standard_deviations=data.standard_deviations,
         residuals=best.residual.reshape(data.values.shape),
+        sensitivity=sensitivity,
         history=history,
         simulation_runs=model.runs,
         tangent_runs=model.tangents,

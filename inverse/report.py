@@ -27,6 +27,8 @@ class Fit:
         simulation_runs: executions of the simulator, those that carried derivatives included. tangent_runs:
             forward-mode directions carried along; adjoint_runs: reverse sweeps.
         seconds: everything; compile_seconds and run_seconds are parts of it.
+        sensitivity: (T m, n) derivative of the simulated series by the values, at the values found; None where it
+            was not computed.
         history: one dictionary per run: run, cost, values, accepted, window [s], samples, note, seconds.
 
     """
@@ -49,6 +51,7 @@ class Fit:
     simulated: np.ndarray
     standard_deviations: np.ndarray | None
     residuals: np.ndarray
+    sensitivity: np.ndarray | None
     history: list[dict[str, Any]]
     simulation_runs: int
     tangent_runs: int
@@ -64,6 +67,29 @@ class Fit:
     def iterations(self) -> int:
         """Accepted steps."""
         return sum(entry["accepted"] for entry in self.history) - 1
+
+    def shift(self, simulated: Any) -> dict[str, float]:
+        """By how much the unknowns would move if the simulator gave another series at the values found.
+
+        To first order, by least squares: what a finer resolution (another time step, another model) changes in
+        the series, in the unit of the unknowns. The bias that the standard error knows nothing of.
+
+        Args:
+            simulated: the other series (T,) or (T, m).
+
+        Raises:
+            ValueError: a shape that differs from the data, or a fit without sensitivities.
+        """
+        if self.sensitivity is None:
+            raise ValueError("this fit has no sensitivities (too many unknowns); fit with method='gauss-newton'")
+        simulated = np.asarray(simulated, float)
+        if simulated.shape != self.simulated.shape:
+            raise ValueError(f"the series has shape {simulated.shape}; the data have {self.simulated.shape}")
+        weight = 1.0 if self.standard_deviations is None else 1.0 / self.standard_deviations.reshape(-1)
+        change = (simulated - self.simulated).reshape(-1) * weight
+        weighted = self.sensitivity * np.reshape(weight, (-1, 1) if np.ndim(weight) else ())
+        move = -np.linalg.lstsq(weighted, change, rcond=None)[0]
+        return dict(zip(self.labels, move.tolist(), strict=True))
 
     @property
     def standard_errors(self) -> dict[str, float]:
