@@ -22,13 +22,12 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax.custom_derivatives import SymbolicZero
+from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
-from jaxsph.linear_call import linear_call
-from jaxsph.pytree import pytree_dataclass
+from jaxsph.pair_adjoint import transposable
+from jaxsph.slots import Edges, PairList, over_slots, pair_edges
 
-UNROLL = 4  # slots per turn of the forward loop: fewer, longer operations; measured in tests/benchmarks
-UNROLL_DERIVATIVE = 1  # of the loops over tangents and adjoints, whose bodies are long enough
+__all__ = ["Edges", "PairList", "apply", "dot", "pair_edges", "pair_sum", "symmetry_error"]
 
 
 def dot(a, b):
@@ -39,52 +38,6 @@ def dot(a, b):
 def apply(matrix, vector):
     """Matrix times vector for the small matrices of one particle, (d, d) and (d,) to (d,)."""
     return jnp.sum(matrix * vector[None], axis=1)
-
-
-@pytree_dataclass
-class PairList:
-    """The least that a neighbor list is: who is in which slot. A `NeighborList` can stand in its place.
-
-    Attributes:
-        indices: (K, N) index of the sender in each slot, valid slots first. The empty slots hold the receiver's
-            own index in a list of one set, any index that exists in a list of two.
-        count: (N,) number of valid slots.
-        transpose: the list seen from the senders; None for one set, whose list is symmetric.
-    """
-
-    indices: Any
-    count: Any
-    transpose: Any = None
-
-
-@pytree_dataclass
-class Edges:
-    """Values that belong to a pair, one for each slot of a list of one set, leaves (..., K, N).
-
-    `forward` is what the receiver a sees of its neighbor b, `backward` what b sees of a: g(a, b) and g(b, a).
-    Make them with `pair_edges`. `backward` may be None if pair sums with these edges state their symmetry.
-    """
-
-    forward: Any
-    backward: Any
-
-
-def pair_edges(geometry: Callable, particles: Any, neighbors: Any, *, backward: bool = True) -> Edges:
-    """Evaluate geometry(a, b), and geometry(b, a), once for every slot; zero in the empty slots.
-
-    For pairs that never change, as those of a solid's reference configuration.
-    """
-    gathered = jax.tree.map(lambda leaf: _gather(leaf, neighbors.indices), particles)
-    filled = jnp.arange(neighbors.indices.shape[0])[:, None] < neighbors.count[None]
-
-    def keep_filled(tree):
-        return jax.tree.map(lambda leaf: jnp.where(filled, leaf, jnp.zeros((), leaf.dtype)), tree)
-
-    forward = jax.vmap(jax.vmap(geometry, (-1, -1), -1), (None, -2), -2)(particles, gathered)
-    if not backward:
-        return Edges(keep_filled(forward), None)
-    seen_back = jax.vmap(jax.vmap(geometry, (-1, -1), -1), (-2, None), -2)(gathered, particles)
-    return Edges(keep_filled(forward), keep_filled(seen_back))
 
 
 def pair_sum(
@@ -134,7 +87,7 @@ def pair_sum(
     if edges is not None:
         edge = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[:-2], leaf.dtype), edge_fields)
         single = (*single, edge)
-    converted, constants = jax.closure_convert(physics, *single)
+    converted, constants = _hoist(physics, single)
     signs = _signs(symmetry, converted, single, constants)
 
     def of_pair(a, b, edge, constants):
@@ -143,7 +96,7 @@ def pair_sum(
     # One set is one argument, so that its derivative is collected once; two sets are two.
     particles = (receivers,) if one_set else (receivers, senders)
     if forward_mode:
-        return _over_slots(of_pair, particles, edge_fields, neighbors, constants, signs)
+        return over_slots(of_pair, particles, edge_fields, neighbors, constants, signs)
     forward = PairList(neighbors.indices, neighbors.count)
     fixed = {
         "list": forward,
@@ -152,7 +105,7 @@ def pair_sum(
     }
     if edges is not None and edges.backward is None and signs is None:
         raise ValueError("these edges were made without backward values; state the symmetry of the physics")
-    return _transposable(of_pair, signs)((particles, edge_fields, constants), fixed)
+    return transposable(of_pair, signs)((particles, edge_fields, constants), fixed)
 
 
 def symmetry_error(physics: Callable, a: Any, b: Any, symmetry: Any, edges: tuple = ()) -> float:
@@ -171,8 +124,21 @@ def symmetry_error(physics: Callable, a: Any, b: Any, symmetry: Any, edges: tupl
     return max(float(error) for error in jax.tree.leaves(errors))
 
 
-def _gather(leaf, index):
-    return leaf.at[..., index].get(mode="promise_in_bounds")
+def _hoist(physics, single):
+    """Physics as a function of its arguments and of all arrays that it closes over, and these arrays.
+
+    `jax.closure_convert` leaves traced integers behind, which a derivative rule may not close over.
+    """
+    closed, out = jax.make_jaxpr(physics, return_shape=True)(*single)
+    structure = jax.tree.structure(out)
+    n_arguments = len(jax.tree.leaves(single))
+
+    def converted(*arguments):
+        leaves = jax.tree.leaves(arguments)
+        hoisted = ClosedJaxpr(closed.jaxpr, leaves[n_arguments:])
+        return jax.tree.unflatten(structure, jaxpr_as_fun(hoisted)(*leaves[:n_arguments]))
+
+    return converted, closed.consts
 
 
 def _check_lengths(receivers, senders, neighbors, one_set):
@@ -196,187 +162,3 @@ def _signs(symmetry, converted, single, constants):
     if any(sign not in (1, -1) for sign in signs):
         raise ValueError(f"symmetry is {symmetry}; it must be made of +1 and -1")
     return signs
-
-
-def _over_slots(f, particles, edge, neighbors, constants, signs=None, unroll=None):
-    """Sum f(a, b, edge, constants) over the slots of a list. particles: one set (a,), or two sets (a, b).
-
-    Whatever the empty slots give is left out. Where f is antisymmetric it need not be: there the particle is
-    paired with itself.
-    """
-    a, b = particles[0], particles[-1]
-    batched = jax.vmap(f, in_axes=(-1, -1, -1, None), out_axes=-1)
-    first_edge = jax.tree.map(lambda leaf: leaf[..., 0, :], edge)
-    like_b = jax.tree.map(lambda leaf: _gather(leaf, neighbors.indices[0]), b)
-    shapes, structure = jax.tree.flatten(jax.eval_shape(batched, a, like_b, first_edge, constants))
-    masked = [signs is None or sign != -1 for sign in signs or [None] * len(shapes)]
-
-    def add_slot(totals, slot):
-        number, index, edge_of_slot = slot
-        values = batched(a, jax.tree.map(lambda leaf: _gather(leaf, index), b), edge_of_slot, constants)
-        filled = number < neighbors.count
-        values = jax.tree.leaves(values)
-        values = [
-            jnp.where(filled, value, jnp.zeros((), value.dtype)) if mask else value
-            for value, mask in zip(values, masked, strict=True)
-        ]
-        return [total + value for total, value in zip(totals, values, strict=True)], None
-
-    n_slots = neighbors.indices.shape[0]
-    slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices)
-    slots = (*slots, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), edge))
-    zeros = [jnp.zeros(shape.shape, shape.dtype) for shape in shapes]
-    unroll = min(UNROLL if unroll is None else unroll, n_slots)
-    return jax.tree.unflatten(structure, jax.lax.scan(add_slot, zeros, slots, unroll=unroll)[0])
-
-
-def _per_slot(f, particles, edge, neighbors):
-    """f of every slot, leaves (..., K, N), zero in the empty slots."""
-    gathered = jax.tree.map(lambda leaf: _gather(leaf, neighbors.indices), particles[-1])
-    over_particles = jax.vmap(f, in_axes=(-1, -1, -1), out_axes=-1)
-    value = jax.vmap(over_particles, in_axes=(None, -2, -2), out_axes=-2)(particles[0], gathered, edge)
-    filled = jnp.arange(neighbors.indices.shape[0])[:, None] < neighbors.count[None]
-    return jax.tree.map(lambda leaf: jnp.where(filled, leaf, jnp.zeros((), leaf.dtype)), value)
-
-
-class _Live:
-    """Which leaves of a tree carry a tangent: how to take them out, and to put others in their place."""
-
-    def __init__(self, tangents):
-        self.mask = [not isinstance(t, SymbolicZero) for t in self._leaves(tangents)]
-
-    @staticmethod
-    def _leaves(tree):
-        return jax.tree.leaves(tree, is_leaf=lambda leaf: isinstance(leaf, SymbolicZero))
-
-    def take(self, tree):
-        return [leaf for leaf, live in zip(self._leaves(tree), self.mask, strict=True) if live]
-
-    def put(self, tree, values):
-        leaves, structure = jax.tree.flatten(tree)
-        remaining = iter(values)
-        merged = [next(remaining) if live else leaf for leaf, live in zip(leaves, self.mask, strict=True)]
-        return jax.tree.unflatten(structure, merged)
-
-
-def _transposable(f, signs):
-    """The pair sum with its derivative rule: a function of (particles, edge, constants), and of what is fixed.
-
-    The lists and the edges seen backward come as arguments too: a rule may not close over traced values.
-    """
-
-    @jax.custom_jvp
-    def evaluate(differentiable, fixed):
-        particles, edge, constants = differentiable
-        return _over_slots(f, particles, edge, fixed["list"], constants, signs)
-
-    def rule(primals, tangents):
-        particles, edge, constants = tangents[0]
-        live = {"sets": [_Live(one) for one in particles], "edge": _Live(edge), "constants": _Live(constants)}
-        linear = {
-            "sets": [which.take(one) for which, one in zip(live["sets"], particles, strict=True)],
-            "edge": live["edge"].take(edge),
-            "constants": live["constants"].take(constants),
-        }
-        return evaluate(*primals), linear_call(
-            lambda residual, linear: _tangent(f, signs, live, residual, linear),
-            lambda residual, cotangent: _transpose(f, signs, live, residual, cotangent),
-            primals,
-            linear,
-        )
-
-    evaluate.defjvp(rule, symbolic_zeros=True)
-    return evaluate
-
-
-def _tangent(f, signs, live, residual, linear):
-    """The pair sum of the tangents."""
-    (particles, edge, constants), fixed = residual
-    of_a, of_b = live["sets"][0], live["sets"][-1]
-
-    def of_pair(a, b, pair, moved):
-        def of_live(values_a, values_b, values_edge, values_constants):
-            return f(
-                of_a.put(a["value"], values_a),
-                of_b.put(b["value"], values_b),
-                live["edge"].put(pair["value"], values_edge),
-                live["constants"].put(constants, values_constants),
-            )
-
-        values = (
-            of_a.take(a["value"]),
-            of_b.take(b["value"]),
-            live["edge"].take(pair["value"]),
-            live["constants"].take(constants),
-        )
-        return jax.jvp(of_live, values, (a["tangent"], b["tangent"], pair["tangent"], moved))[1]
-
-    both = [{"value": v, "tangent": t} for v, t in zip(particles, linear["sets"], strict=True)]
-    pairs = {"value": edge, "tangent": linear["edge"]}
-    return _over_slots(of_pair, both, pairs, fixed["list"], linear["constants"], signs, UNROLL_DERIVATIVE)
-
-
-def _transpose(f, signs, live, residual, cotangent):
-    """The adjoint: every particle gathers from its neighbors what it received and what it sent."""
-    (particles, edge, constants), fixed = residual
-    of_a, of_b = live["sets"][0], live["sets"][-1]
-
-    def received(a, b, pair, cotangent):
-        """Cotangents of a and of the constants from the pair (a, b)."""
-
-        def of_live(values, values_constants):
-            return f(of_a.put(a, values), b, pair, live["constants"].put(constants, values_constants))
-
-        return jax.vjp(of_live, of_a.take(a), live["constants"].take(constants))[1](cotangent)
-
-    def sent(b, a, pair, cotangent):
-        """Cotangent of b from the pair (a, b)."""
-        return jax.vjp(lambda values: f(a, of_b.put(b, values), pair, constants), of_b.take(b))[1](cotangent)[0]
-
-    def of_edge(k, neighbor, pair):
-        def of_live(values):
-            return f(k["fields"], neighbor["fields"], live["edge"].put(pair, values), constants)
-
-        return jax.vjp(of_live, live["edge"].take(pair))[1](k["cotangent"])[0]
-
-    here = [{"fields": one} for one in particles]
-    here[0]["cotangent"] = cotangent
-    pairs = {"forward": edge, "back": fixed["edge_back"]}
-    if len(particles) == 1 and signs is not None:
-
-        def of_pair(k, neighbor, pair, _):
-            ours, theirs = jax.tree.flatten(k["cotangent"]), jax.tree.leaves(neighbor["cotangent"])
-            both = [c + sign * d for sign, c, d in zip(signs, ours[0], theirs, strict=True)]
-            return received(k["fields"], neighbor["fields"], pair["forward"], jax.tree.unflatten(ours[1], both))
-
-        # The own pair of an empty slot drops out by itself only if everything is antisymmetric.
-        clear = (-1,) * (len(of_a.take(particles[0])) + sum(live["constants"].mask))
-        clear = clear if all(sign == -1 for sign in signs) else None
-        of_particles, of_constants = _over_slots(
-            of_pair, here, pairs, fixed["list"], (), clear, unroll=UNROLL_DERIVATIVE
-        )
-        # Each pair was met from both sides, with both cotangents: twice what the constants get.
-        of_sets, of_constants = [of_particles], jax.tree.map(lambda leaf: 0.5 * leaf, of_constants)
-    elif len(particles) == 1:
-
-        def of_pair(k, neighbor, pair, _):
-            mine, of_constants = received(k["fields"], neighbor["fields"], pair["forward"], k["cotangent"])
-            theirs = sent(k["fields"], neighbor["fields"], pair["back"], neighbor["cotangent"])
-            return [x + y for x, y in zip(mine, theirs, strict=True)], of_constants
-
-        of_particles, of_constants = _over_slots(of_pair, here, pairs, fixed["list"], (), unroll=UNROLL_DERIVATIVE)
-        of_sets = [of_particles]
-    else:
-        of_receivers, of_constants = _over_slots(
-            lambda k, neighbor, _, __: received(k["fields"], neighbor["fields"], None, k["cotangent"]),
-            here, None, fixed["list"], (), unroll=UNROLL_DERIVATIVE,
-        )  # fmt: skip
-        of_senders = []
-        if any(of_b.mask):
-            of_senders = _over_slots(
-                lambda k, neighbor, _, __: sent(k["fields"], neighbor["fields"], None, neighbor["cotangent"]),
-                here[::-1], None, fixed["back"], (), unroll=UNROLL_DERIVATIVE,
-            )  # fmt: skip
-        of_sets = [of_receivers, of_senders]
-    of_edges = _per_slot(of_edge, here, edge, fixed["list"]) if any(live["edge"].mask) else []
-    return {"sets": of_sets, "edge": of_edges, "constants": jax.tree.map(lambda leaf: jnp.sum(leaf, -1), of_constants)}

@@ -25,6 +25,8 @@ ORDER = [
     "materials",
     "neighbors",
     "linear_call",
+    "slots",
+    "pair_adjoint",
     "pair_sum",
     "health",
     "geometry",

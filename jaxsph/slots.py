@@ -1,0 +1,109 @@
+"""The loop over the slots of a neighbor list, and what it loops over.
+
+Only `pair_sum` and its adjoint call it. Whatever the empty slots of a list give is left out here, so that physics
+need not know of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxsph.pytree import pytree_dataclass
+
+UNROLL = 4  # slots per turn of the forward loop: fewer, longer operations; measured in tests/benchmarks
+UNROLL_DERIVATIVE = 1  # of the loops over tangents and adjoints, whose bodies are long enough
+
+
+@pytree_dataclass
+class PairList:
+    """The least that a neighbor list is: who is in which slot. A `NeighborList` can stand in its place.
+
+    Attributes:
+        indices: (K, N) index of the sender in each slot, valid slots first. The empty slots hold the receiver's
+            own index in a list of one set, any index that exists in a list of two.
+        count: (N,) number of valid slots.
+        transpose: the list seen from the senders; None for one set, whose list is symmetric.
+    """
+
+    indices: Any
+    count: Any
+    transpose: Any = None
+
+
+@pytree_dataclass
+class Edges:
+    """Values that belong to a pair, one for each slot of a list of one set, leaves (..., K, N).
+
+    `forward` is what the receiver a sees of its neighbor b, `backward` what b sees of a: g(a, b) and g(b, a).
+    Make them with `pair_edges`. `backward` may be None if pair sums with these edges state their symmetry.
+    """
+
+    forward: Any
+    backward: Any
+
+
+def gather(leaf, index):
+    return leaf.at[..., index].get(mode="promise_in_bounds")
+
+
+def pair_edges(geometry: Callable, particles: Any, neighbors: Any, *, backward: bool = True) -> Edges:
+    """Evaluate geometry(a, b), and geometry(b, a), once for every slot; zero in the empty slots.
+
+    For pairs that never change, as those of a solid's reference configuration.
+    """
+    gathered = jax.tree.map(lambda leaf: gather(leaf, neighbors.indices), particles)
+    filled = jnp.arange(neighbors.indices.shape[0])[:, None] < neighbors.count[None]
+
+    def keep_filled(tree):
+        return jax.tree.map(lambda leaf: jnp.where(filled, leaf, jnp.zeros((), leaf.dtype)), tree)
+
+    forward = jax.vmap(jax.vmap(geometry, (-1, -1), -1), (None, -2), -2)(particles, gathered)
+    if not backward:
+        return Edges(keep_filled(forward), None)
+    seen_back = jax.vmap(jax.vmap(geometry, (-1, -1), -1), (-2, None), -2)(gathered, particles)
+    return Edges(keep_filled(forward), keep_filled(seen_back))
+
+
+def over_slots(f, particles, edge, neighbors, constants, signs=None, unroll=None):
+    """Sum f(a, b, edge, constants) over the slots of a list. particles: one set (a,), or two sets (a, b).
+
+    Whatever the empty slots give is left out. Where f is antisymmetric it need not be: there the particle is
+    paired with itself.
+    """
+    a, b = particles[0], particles[-1]
+    batched = jax.vmap(f, in_axes=(-1, -1, -1, None), out_axes=-1)
+    first_edge = jax.tree.map(lambda leaf: leaf[..., 0, :], edge)
+    like_b = jax.tree.map(lambda leaf: gather(leaf, neighbors.indices[0]), b)
+    shapes, structure = jax.tree.flatten(jax.eval_shape(batched, a, like_b, first_edge, constants))
+    masked = [signs is None or sign != -1 for sign in signs or [None] * len(shapes)]
+
+    def add_slot(totals, slot):
+        number, index, edge_of_slot = slot
+        values = batched(a, jax.tree.map(lambda leaf: gather(leaf, index), b), edge_of_slot, constants)
+        filled = number < neighbors.count
+        values = jax.tree.leaves(values)
+        values = [
+            jnp.where(filled, value, jnp.zeros((), value.dtype)) if mask else value
+            for value, mask in zip(values, masked, strict=True)
+        ]
+        return [total + value for total, value in zip(totals, values, strict=True)], None
+
+    n_slots = neighbors.indices.shape[0]
+    slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices)
+    slots = (*slots, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), edge))
+    zeros = [jnp.zeros(shape.shape, shape.dtype) for shape in shapes]
+    unroll = min(UNROLL if unroll is None else unroll, n_slots)
+    return jax.tree.unflatten(structure, jax.lax.scan(add_slot, zeros, slots, unroll=unroll)[0])
+
+
+def per_slot(f, particles, edge, neighbors):
+    """f of every slot, leaves (..., K, N), zero in the empty slots."""
+    gathered = jax.tree.map(lambda leaf: gather(leaf, neighbors.indices), particles[-1])
+    over_particles = jax.vmap(f, in_axes=(-1, -1, -1), out_axes=-1)
+    value = jax.vmap(over_particles, in_axes=(None, -2, -2), out_axes=-2)(particles[0], gathered, edge)
+    filled = jnp.arange(neighbors.indices.shape[0])[:, None] < neighbors.count[None]
+    return jax.tree.map(lambda leaf: jnp.where(filled, leaf, jnp.zeros((), leaf.dtype)), value)
