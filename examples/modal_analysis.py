@@ -23,7 +23,7 @@ from jaxsph.structure import displacement_gradient, elastic_acceleration, refere
 
 # J. P. Gray, J. J. Monaghan, R. P. Swift (2001), Comput. Methods Appl. Mech. Eng. 190, 6641.
 LENGTH, THICKNESS = 0.2, 0.02  # m
-MATERIAL = {"density": 1000.0, "youngs_modulus": 2e6, "poisson_ratio": 0.3975}  # kg/m^3, Pa
+DENSITY, YOUNGS_MODULUS, POISSON_RATIO = 1000.0, 2e6, 0.3975  # kg/m^3, Pa, 1
 PERIOD = 0.2551460  # s: first mode, plane strain, face clamped, by converged finite elements
 ROOT = 4  # clamped columns behind the face: more than a moving particle feels, for any h here
 PARTICLES = (5, 10, 20)  # across the thickness
@@ -51,7 +51,13 @@ def plate(arrangement, across, smoothing_length):
     if arrangement == "on the surface, full volumes":
         body = sph.Particles(body.positions, np.full(len(body), dx**2), dx)
     return sph.Structure(
-        "plate", body, **MATERIAL, clamped=lambda x: x[:, 0] < 0.01 * dx, smoothing_length=smoothing_length * dx
+        "plate",
+        body,
+        DENSITY,
+        YOUNGS_MODULUS,
+        POISSON_RATIO,
+        clamped=lambda x: x[:, 0] < 0.01 * dx,
+        smoothing_length=smoothing_length * dx,
     )
 
 
@@ -99,7 +105,7 @@ def stiffness(structure, penalty=None):
 
 def frequencies(matrix, mass, modes):
     """The lowest frequencies of free vibration [Hz], rising."""
-    squared = eigs(matrix, k=modes, M=mass, sigma=0, return_eigenvectors=False)
+    squared = np.asarray(eigs(matrix, k=modes, M=mass, sigma=0, return_eigenvectors=False))
     return np.sort(np.sqrt(squared.real)) / (2 * np.pi)
 
 
@@ -168,7 +174,7 @@ def main(json_path=None, picture=None):
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--json", dest="json_path", help="file for the table")
     parser.add_argument("--picture", help="file for the picture")
     main(**vars(parser.parse_args()))
