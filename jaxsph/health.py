@@ -78,8 +78,8 @@ def raise_if_failed(state, trajectory=None) -> None:
     if reason == UNSTABLE:
         raise UnstableTimeStep(
             f"time step {float(health.number):.4g} s is larger than the largest stable one, "
-            f"{float(health.limit):.4g} s. Pass time_step=None, or a smaller one (in a fit: the one for the upper end of "
-            "the bounds)",
+            f"{float(health.limit):.4g} s. Pass time_step=None, or a smaller one (in a fit: the one for the upper end "
+            "of the bounds)",
             trajectory,
         )
     time = f"t = {float(state.time):.6g} s"

@@ -59,7 +59,7 @@ class Scene:
             raise ValueError(f"an effect can be listed once: {[type(e).__name__ for e in effects]}")
         object.__setattr__(self, "systems", tuple(systems))
         object.__setattr__(self, "gravity", gravity)
-        object.__setattr__(self, "effects", tuple(effects))
+        object.__setattr__(self, "effects", tuple(_in_precision(effect, systems[0].dtype) for effect in effects))
 
     @property
     def dimension(self) -> int:
@@ -91,21 +91,26 @@ class Scene:
     def replace(self, values: dict[str, Any]) -> Scene:
         """A copy with other values: {"plate.youngs_modulus": 2e6}. Values keep the scene's precision.
 
-        Raises KeyError for a path at which nothing stands, ValueError for a number out of its range.
+        Raises KeyError for a path at which nothing stands, ValueError for a number out of its range, or of
+        another shape.
         """
         scene = self
         for path, value in values.items():
             old = scene.get(path)
             if isinstance(old, (np.ndarray, jax.Array, float, int)) and not isinstance(old, bool):
-                real = np.asarray(old).dtype if is_concrete(old) else old.dtype
+                # a plain number, as in an effect, would become a float64 and take the whole run with it
+                real = scene.dtype if isinstance(old, (float, int)) else old.dtype
                 if np.issubdtype(real, np.integer):
                     real = scene.dtype
                 value = np.asarray(value, real) if is_concrete(value) else jax.numpy.asarray(value, real)
             scene = _put(scene, path.split("."), value)
         for system in scene.systems:
-            checks.check_positive(f"{system.name}.youngs_modulus", system.youngs_modulus, "Pa")
-            checks.check_positive(f"{system.name}.density", system.density, "kg/m^3")
-            checks.check_poisson_ratio(system.poisson_ratio)
+            if is_concrete(system.particles):
+                system.particles.__post_init__()
+            system.check(f"{system.name}.")
+        checks.check_finite("gravity", scene.gravity, (scene.dimension,))
+        for effect in scene.effects:
+            effect.__post_init__()
         return scene
 
     def __str__(self) -> str:
@@ -120,6 +125,12 @@ class Scene:
         lines.append(f"  gravity {_short(self.gravity)} m/s^2")
         lines.append("  effects: " + (", ".join(str(e) for e in self.effects) or "none"))
         return "\n".join(lines)
+
+
+def _in_precision(effect, real):
+    """The effect with its arrays in the scene's precision; plain numbers have none."""
+    plain = lambda leaf: type(leaf) in (float, int) or not is_concrete(leaf)  # noqa: E731
+    return jax.tree.map(lambda leaf: leaf if plain(leaf) else np.asarray(leaf, real), effect)
 
 
 def _short(value):
@@ -137,7 +148,7 @@ def _children(item):
     if isinstance(item, Scene):
         named = {system.name: system for system in item.systems}
         return named | {type(effect).__name__: effect for effect in item.effects} | {"gravity": item.gravity}
-    return {name: value for name, value in vars(item).items()} if hasattr(item, "__dict__") else {}
+    return dict(vars(item)) if hasattr(item, "__dict__") else {}
 
 
 def _walk(item, names, path):

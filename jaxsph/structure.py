@@ -70,14 +70,8 @@ class Structure:
         real = self.particles.positions.dtype
         if not isinstance(self.name, str) or not self.name.isidentifier():
             raise ValueError(f"name {self.name!r} must be a word that can stand in 'name.youngs_modulus'")
-        checks.check_positive("density", self.density, "kg/m^3")
-        checks.check_positive("youngs_modulus", self.youngs_modulus, "Pa")
-        checks.check_poisson_ratio(self.poisson_ratio)
         for name in ("density", "youngs_modulus", "poisson_ratio"):
-            value = getattr(self, name)
-            if np.shape(value) not in ((), (n,)):
-                raise ValueError(f"{name} has shape {np.shape(value)}; it must be one number or ({n},), one a particle")
-            object.__setattr__(self, name, _as_real(value, real))
+            object.__setattr__(self, name, _as_real(getattr(self, name), real))
         clamped = self.clamped
         if callable(clamped):
             clamped = clamped(np.asarray(self.particles.positions))
@@ -86,13 +80,28 @@ class Structure:
             raise ValueError(f"clamped has shape {clamped.shape} and type {clamped.dtype}; it must be ({n},) booleans")
         object.__setattr__(self, "clamped", clamped)
         velocity = np.zeros(d) if self.velocity is None else self.velocity
-        if np.shape(velocity) not in ((d,), (n, d)):
-            raise ValueError(f"velocity has shape {np.shape(velocity)}; it must be ({d},) or ({n}, {d})")
-        checks.check_finite("velocity", velocity)
         object.__setattr__(self, "velocity", _as_real(velocity, real))
         h = SMOOTHING_LENGTH * self.particles.spacing if self.smoothing_length is None else self.smoothing_length
-        checks.check_positive("smoothing_length", h, "m")
         object.__setattr__(self, "smoothing_length", _as_real(h, real))
+        self.check()
+
+    def check(self, prefix: str = "") -> None:
+        """Raise ValueError if a number is out of its range or has a shape that does not fit. Traced ones pass.
+
+        Args:
+            prefix: before the names in the message, such as "plate.".
+        """
+        n, d = np.shape(self.particles.positions)
+        for name, unit in (("density", "kg/m^3"), ("youngs_modulus", "Pa"), ("smoothing_length", "m")):
+            checks.check_positive(prefix + name, getattr(self, name), unit)
+        checks.check_poisson_ratio(self.poisson_ratio)
+        for name in ("density", "youngs_modulus", "poisson_ratio"):
+            shape = np.shape(getattr(self, name))
+            if shape not in ((), (n,)):
+                raise ValueError(f"{prefix}{name} has shape {shape}; it must be one number or ({n},), one a particle")
+        if np.shape(self.velocity) not in ((d,), (n, d)):
+            raise ValueError(f"{prefix}velocity has shape {np.shape(self.velocity)}; it must be ({d},) or ({n}, {d})")
+        checks.check_finite(f"{prefix}velocity", self.velocity)
 
     @property
     def dimension(self) -> int:
@@ -142,7 +151,7 @@ def topology(structure: Structure) -> Topology:
             "found here; compute jaxsph.topologies(scene) outside of jit/grad and pass it as topologies="
         )
     positions = np.asarray(structure.particles.positions, np.float64)
-    n, d = positions.shape
+    n = len(positions)
     cutoff = float(structure.kernel.support_radius(float(structure.smoothing_length)))
     cells = np.floor((positions - positions.min(axis=0)) / cutoff).astype(np.int64)
     order = np.lexsort([*positions.T[::-1], *cells.T[::-1]])
@@ -179,8 +188,8 @@ def _check_neighborhoods(structure, positions, receivers, senders, count, order)
     if flat.any():
         worst = int(np.argmax(flat))
         raise ValueError(
-            f"particle {order[worst]} of {structure.name!r} at {positions[worst]} has {count[worst]} neighbors, which do "
-            f"not span {d} dimensions: its correction matrix (16) does not exist. Make the body at least two "
+            f"particle {order[worst]} of {structure.name!r} at {positions[worst]} has {count[worst]} neighbors, which "
+            f"do not span {d} dimensions: its correction matrix (16) does not exist. Make the body at least two "
             f"particles thick, or the smoothing length ({float(structure.smoothing_length):.4g} m) larger"
         )
 
@@ -255,22 +264,24 @@ def displacement_gradient(reference: Reference, displacement, *, forward_mode: b
 
 
 def elastic_acceleration(structure: Structure, reference: Reference, displacement, penalty=None, *, forward_mode=False):
-    """Acceleration by the stresses, and by the penalty force if there is one: equation (15), (d, N) [m/s^2]."""
+    """Acceleration by the stresses, and by the penalty force if there is one: equation (15), (d, N) [m/s^2].
+
+    With volumes, m_a a_a = V_a sum_b V_b (P_a K_a + P_b K_b) grad W, in place of masses over densities squared. Where
+    the density is uniform both are the same; where it is not, this one remains the gradient of the stored energy.
+    """
     gradient = displacement_gradient(reference, displacement, forward_mode=forward_mode)
     gradient = checkpoint_name(gradient, "displacement_gradient")
     material = {**reference.uniform, **reference.varying}
     stress = structure.law.stress(gradient, material["lam"], material["mu"])
-    fields = {"stress": multiply(stress, reference.correction) / material["density"] ** 2}
-    needed = ["density"]
+    fields, uniform = {"stress": multiply(stress, reference.correction)}, {}
     if penalty is not None:
         fields |= {"displacement": displacement, "displacement_gradient": gradient}
-        needed.append("youngs_modulus")
-    fields |= {name: reference.varying[name] for name in needed if name in reference.varying}
-    uniform = {name: reference.uniform[name] for name in needed if name in reference.uniform}
+        of_modulus = fields if "youngs_modulus" in reference.varying else uniform
+        of_modulus["youngs_modulus"] = material["youngs_modulus"]
 
     def force(a, b, edge):
         a, b = {**uniform, **a}, {**uniform, **b}
-        total = a["density"] * b["density"] * apply(a["stress"] + b["stress"], edge["gradient"])
+        total = apply(a["stress"] + b["stress"], edge["gradient"])
         if penalty is not None:
             total = total + penalty.pair_force(a, b, edge)
         return total

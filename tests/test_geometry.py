@@ -31,7 +31,9 @@ def test_box_in_cells_or_on_its_surface(d):
     np.testing.assert_allclose(surface.positions.min(axis=0), low)
     np.testing.assert_allclose(surface.positions.max(axis=0), high)
     faces = np.sum(np.isclose(surface.positions, low) | np.isclose(surface.positions, high), axis=1)
-    np.testing.assert_allclose(surface.volumes, 0.05**d / 2.0**faces, err_msg="half a cell on a face, a quarter, an eighth")
+    np.testing.assert_allclose(
+        surface.volumes, 0.05**d / 2.0**faces, err_msg="half a cell on a face, a quarter, an eighth"
+    )
 
 
 def test_second_moment_of_a_section_is_that_of_the_trapezoidal_rule():
@@ -100,7 +102,10 @@ POINTS, VOLUMES = np.zeros((3, 2)), np.ones(3)
         (lambda: box((0, 0), (1, 1), -0.1), r"spacing is -0\.1.*positive"),
         (lambda: box((0, 0), (1, 1), 0.0), r"spacing is 0\.0.*positive"),
         (lambda: box((0, 0), (1, 1), float("nan")), "spacing is nan.*finite"),
-        (lambda: box((0, 0), (1.0, 0.95), 0.1), r"size\[1\] = 0\.95 .* spacing 0\.1; the nearest that fits is (0\.9|1)"),
+        (
+            lambda: box((0, 0), (1.0, 0.95), 0.1),
+            r"size\[1\] = 0\.95 .* spacing 0\.1; the nearest that fits is (0\.9|1)",
+        ),
         (lambda: box((0, 0), (-1.0, 1.0), 0.1), r"size\[0\] = -1\.0 is not a positive multiple"),
         (lambda: box((0, 0), (0.001, 1.0), 0.1), r"size\[0\] = 0\.001 .*nearest that fits is 0\.1"),
         (lambda: box((0, 0), (1, 1, 1), 0.1), "2 or 3 components"),

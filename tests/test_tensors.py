@@ -12,9 +12,7 @@ ROUND_OFF = {np.float64: 1e-13, np.float32: 1e-5}
 
 def matrices(d, kind, behind, seed=0):
     """Well-conditioned matrices (d, d, ...) and the same with the matrix axes last, as NumPy wants them."""
-    a = np.eye(d).reshape(d, d, *(1,) * len(behind)) + 0.4 * np.random.default_rng(seed).uniform(
-        -1, 1, (d, d, *behind)
-    )
+    a = np.eye(d).reshape(d, d, *(1,) * len(behind)) + 0.4 * np.random.default_rng(seed).uniform(-1, 1, (d, d, *behind))
     a = a.astype(kind)
     return a, np.moveaxis(a.astype(np.float64), (0, 1), (-2, -1))
 
@@ -60,7 +58,9 @@ def test_derivatives_are_jacobis_formula_and_minus_inverse_squared(d):
     da, _ = matrices(d, np.float64, (), seed=2)
     inverse = tensors.inverse(a)
     change = jax.jvp(jax.jit(tensors.determinant), (a,), (da,))[1]
-    np.testing.assert_allclose(change, tensors.determinant(a) * tensors.trace(tensors.multiply(inverse, da)), rtol=1e-12)
+    np.testing.assert_allclose(
+        change, tensors.determinant(a) * tensors.trace(tensors.multiply(inverse, da)), rtol=1e-12
+    )
     change = jax.jvp(jax.jit(tensors.inverse), (a,), (da,))[1]
     expected = -tensors.multiply(inverse, tensors.multiply(da, inverse))
     np.testing.assert_allclose(change, expected, rtol=1e-12, atol=1e-13)  # a few tens of roundings

@@ -42,9 +42,7 @@ def open_for_reading(path: str | os.PathLike[str]) -> h5py.File:
                 f"{path}: the file is cut short, it has {size} bytes of the {promised[1]} that its header "
                 "states; copy it again from where it was written, or run the simulation again"
             ) from error
-        raise ValueError(
-            f"{path}: HDF5 cannot open it ({error}); copy the file again or run again"
-        ) from error
+        raise ValueError(f"{path}: HDF5 cannot open it ({error}); copy the file again or run again") from error
     try:
         _check_groups(path, file)
     except ValueError:

@@ -64,15 +64,11 @@ def from_stored(stored: np.ndarray, components: tuple[int, ...]) -> np.ndarray:
 def columns_of(arrays: Arrays, units: Mapping[str, str], dtype: np.dtype | None) -> dict[str, Column]:
     """Column of each field of the first save by its name in the file; `position` is the points, no column."""
     columns: dict[str, Column] = {}
-    for field in dict.fromkeys(
-        field for fields in arrays.values() for field in fields if field != "position"
-    ):
+    for field in dict.fromkeys(field for fields in arrays.values() for field in fields if field != "position"):
         holders = {name: fields[field] for name, fields in arrays.items() if field in fields}
         shapes = {value.shape[1:] for value in holders.values()}
         if len(shapes) > 1:
-            raise ValueError(
-                f"field {field} has components {sorted(shapes)} in different systems, expected one"
-            )
+            raise ValueError(f"field {field} has components {sorted(shapes)} in different systems, expected one")
         stored = np.result_type(*holders.values())
         if stored.kind in "bu":
             stored = np.dtype(np.int64)  # absent is -1
@@ -127,9 +123,7 @@ def checked_systems(systems: Mapping[str, Any]) -> dict[str, np.ndarray]:
         if "/" in name or not name:
             raise ValueError(f"system {name!r}: a name needs at least one character and no '/'")
     if len({positions.shape[1] for positions in checked.values()}) > 1:
-        raise ValueError(
-            f"systems differ in dimension: { {n: x.shape[1] for n, x in checked.items()} }, expected one"
-        )
+        raise ValueError(f"systems differ in dimension: { {n: x.shape[1] for n, x in checked.items()} }, expected one")
     return checked
 
 

@@ -40,9 +40,7 @@ def create(
 
     root["NumberOfPoints"] = np.array([count], np.int64)
     for topology in _TOPOLOGIES:
-        cells = (
-            count if topology == "Vertices" else 0
-        )  # a vertex cell per particle: ParaView shows them at once
+        cells = count if topology == "Vertices" else 0  # a vertex cell per particle: ParaView shows them at once
         root[f"{topology}/NumberOfCells"] = np.array([cells], np.int64)
         root[f"{topology}/NumberOfConnectivityIds"] = np.array([cells], np.int64)
         root[f"{topology}/Connectivity"] = np.arange(cells, dtype=np.int64)

@@ -34,9 +34,7 @@ def array_leaves(tree: Any) -> Leaves:
             raise ValueError(f"leaf {name} is of type {leaf.dtype}: store the numbers that it is made of")
         value = np.asarray(leaf)
         if value.dtype.kind not in "biufc":
-            raise ValueError(
-                f"leaf {name} is of type {value.dtype}, HDF5 holds booleans, integers, floats and complex"
-            )
+            raise ValueError(f"leaf {name} is of type {value.dtype}, HDF5 holds booleans, integers, floats and complex")
         named.append((name.replace("/", "|"), value))
     names = [name for name, _ in named]
     if len(set(names)) < len(names):
@@ -50,9 +48,7 @@ def _name(tree: Any, path: tuple[Any, ...]) -> str:
     item = tree
     for key in path:
         item = _child(item, key)
-        described = (
-            item is not None and not isinstance(item, list | tuple | dict) and hasattr(item, "__dict__")
-        )
+        described = item is not None and not isinstance(item, list | tuple | dict) and hasattr(item, "__dict__")
         if isinstance(key, SequenceKey) and described and words:
             own = getattr(item, "name", None)
             words[-1] = own if isinstance(own, str) else type(item).__name__

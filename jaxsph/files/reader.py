@@ -49,8 +49,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> tuple[np.ndarray, Fields, d
                 systems[system][said["field"]] = values[:, part[system]]
         about = {key: hdf5.attribute(file, "jaxsph", key) for key in ("precision", "created")}
         versions = {
-            name: hdf5.attribute(file, "jaxsph", f"{name}_version")
-            for name in ("jaxsph", "jax", "numpy", "python")
+            name: hdf5.attribute(file, "jaxsph", f"{name}_version") for name in ("jaxsph", "jax", "numpy", "python")
         }
         metadata = {
             **hdf5.from_json(file, "jaxsph/metadata"),
@@ -59,8 +58,6 @@ def read_trajectory(path: str | os.PathLike[str]) -> tuple[np.ndarray, Fields, d
             "dimension": dimension,
             "units": {"position": "m", **{said["field"]: said["unit"] for said in fields.values()}},
             "systems": sizes,
-            "reference_positions": {
-                name: hdf5.array(file, f"jaxsph/reference_positions/{name}") for name in sizes
-            },
+            "reference_positions": {name: hdf5.array(file, f"jaxsph/reference_positions/{name}") for name in sizes},
         }
         return hdf5.array(file, "VTKHDF/Steps/Values")[:saves], systems, metadata

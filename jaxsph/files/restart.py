@@ -84,9 +84,7 @@ def _differences(found: dict[str, Any], expected: dict[str, Any]) -> list[str]:
         elif there != here:
             kind = next((key for key in ("shape", "dtype", "value") if there.get(key) != here.get(key)), None)
             was, now = (there.get(kind), here.get(kind)) if kind else ("other numbers", "")
-            said.append(
-                f"{name}: {kind} {was} in the file, {now} in this scene" if kind else f"{name}: {was}"
-            )
+            said.append(f"{name}: {kind} {was} in the file, {now} in this scene" if kind else f"{name}: {was}")
     if not said and found["structure"] != expected["structure"]:
         said.append(f"the structure: {found['structure']} in the file, {expected['structure']} in this scene")
     return said
@@ -138,9 +136,7 @@ def read_state(path: str | os.PathLike[str], like: Any, scene: Any = None) -> An
                 )
             values.append(value)
     leaves, structure = jax.tree_util.tree_flatten(like)
-    return jax.tree_util.tree_unflatten(
-        structure, [_as(leaf, v) for leaf, v in zip(leaves, values, strict=True)]
-    )
+    return jax.tree_util.tree_unflatten(structure, [_as(leaf, v) for leaf, v in zip(leaves, values, strict=True)])
 
 
 def _as(leaf: Any, value: np.ndarray) -> Any:
@@ -153,9 +149,7 @@ def _as(leaf: Any, value: np.ndarray) -> Any:
 
 def _check_scene(path: str | os.PathLike[str], file: h5py.File, scene: Any) -> None:
     if "jaxsph/fingerprint" not in file:
-        raise ValueError(
-            f"{path}: no fingerprint of the scene to compare with; read the state without `scene`"
-        )
+        raise ValueError(f"{path}: no fingerprint of the scene to compare with; read the state without `scene`")
     found, expected = hdf5.from_json(file, "jaxsph/fingerprint"), fingerprint(scene)
     if found["hash"] != expected["hash"]:
         said = _differences(found, expected)

@@ -59,7 +59,5 @@ def parameters(tree: Any, units: Mapping[str, str] | None = None) -> list[dict[s
     for name, leaf in named_leaves(tree):
         value = np.asarray(leaf)
         if value.size <= _LARGEST_LISTED and value.dtype.kind in "biuf":
-            listed.append(
-                {"name": name, "value": value.tolist(), "unit": known.get(name.rsplit(".", 1)[-1], "")}
-            )
+            listed.append({"name": name, "value": value.tolist(), "unit": known.get(name.rsplit(".", 1)[-1], "")})
     return listed

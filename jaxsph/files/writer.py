@@ -63,9 +63,7 @@ class TrajectoryWriter:
     ) -> None:
         self.path = Path(path)
         if not self.path.absolute().parent.is_dir():
-            raise ValueError(
-                f"{path}: directory {self.path.absolute().parent} does not exist; create it first"
-            )
+            raise ValueError(f"{path}: directory {self.path.absolute().parent} does not exist; create it first")
         if self.path.is_dir():
             raise ValueError(f"{path}: is a directory; give the name of a file in it, such as run.vtkhdf")
         if saves is not None and saves < 1:
@@ -105,9 +103,7 @@ class TrajectoryWriter:
         fields = {name: {**state.systems[name], **(derived or {}).get(name, {})} for name in state.systems}
         self.append(state.time, fields, state=state)
 
-    def append(
-        self, time: SupportsFloat, fields: Mapping[str, Mapping[str, Any]], *, state: Any = None
-    ) -> None:
+    def append(self, time: SupportsFloat, fields: Mapping[str, Mapping[str, Any]], *, state: Any = None) -> None:
         """Append one save and put it on disk.
 
         Args:
@@ -123,14 +119,10 @@ class TrajectoryWriter:
 
         """
         if self._closed:
-            raise ValueError(
-                f"{self.path}: the writer is closed; open a new one, with another path, to save more"
-            )
+            raise ValueError(f"{self.path}: the writer is closed; open a new one, with another path, to save more")
         time = float(time)
         if not time > self._last_time:
-            raise ValueError(
-                f"{self.path}: save at {time} s does not come after the last one at {self._last_time} s"
-            )
+            raise ValueError(f"{self.path}: save at {time} s does not come after the last one at {self._last_time} s")
         arrays = columns.checked_fields(fields, self._reference)
         positions = columns.with_positions(arrays, self._reference)
         leaves = None if state is None else array_leaves(state)

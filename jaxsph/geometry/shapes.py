@@ -45,7 +45,9 @@ class Particles:
     def __or__(self, other: Particles) -> Particles:
         """Both sets together; they should not overlap. Raises ValueError if their dimensions differ."""
         if self.positions.shape[1] != other.positions.shape[1]:
-            raise ValueError(f"particles in {self.positions.shape[1]}D and {other.positions.shape[1]}D cannot be joined")
+            raise ValueError(
+                f"particles in {self.positions.shape[1]}D and {other.positions.shape[1]}D cannot be joined"
+            )
         return Particles(
             np.concatenate([self.positions, other.positions]),
             np.concatenate([self.volumes, other.volumes]),
@@ -137,7 +139,9 @@ def jitter(particles: Particles, fraction: float, seed: int) -> Particles:
     Raises ValueError for a fraction outside of 0 to 1/2, where particles could meet.
     """
     if not 0 <= fraction < 0.5:
-        raise ValueError(f"fraction = {fraction} of the spacing must be at least 0 and less than 0.5: particles would meet")
+        raise ValueError(
+            f"fraction = {fraction} of the spacing must be at least 0 and less than 0.5: particles would meet"
+        )
     shift = np.random.default_rng(seed).uniform(-1, 1, particles.positions.shape) * fraction * particles.spacing
     return Particles(
         (particles.positions + shift).astype(particles.positions.dtype), particles.volumes, particles.spacing

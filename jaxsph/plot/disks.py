@@ -125,9 +125,7 @@ def animate(
         if given is not None and len(given) != len(frames):
             raise ValueError(f"{name} are for {len(given)} frames, positions for {len(frames)}")
     checked = [_checked(x, None if colored is None else colored[k], spacing) for k, x in enumerate(frames)]
-    everything = (
-        None if colored is None else np.concatenate([value for _, value in checked if value is not None])
-    )
+    everything = None if colored is None else np.concatenate([value for _, value in checked if value is not None])
     chosen = _limits(everything, limits)
 
     writer = matplotlib("animation").PillowWriter(fps=frames_per_second)
@@ -152,9 +150,7 @@ def animate(
     return figure
 
 
-def _checked(
-    positions: ArrayLike, values: ArrayLike | None, spacing: float
-) -> tuple[np.ndarray, np.ndarray | None]:
+def _checked(positions: ArrayLike, values: ArrayLike | None, spacing: float) -> tuple[np.ndarray, np.ndarray | None]:
     """Positions (N, 2) in drawing order, and the number that colors each."""
     where = np.asarray(positions, float)
     if where.ndim != 2 or where.shape[1] not in (2, 3) or len(where) == 0:
@@ -164,9 +160,7 @@ def _checked(
     shown = None if values is None else np.asarray(values, float)
     if shown is not None:
         if shown.shape[:1] != where.shape[:1] or shown.ndim > 2:
-            raise ValueError(
-                f"values have shape {shown.shape}, expected ({len(where)},) or ({len(where)}, d)"
-            )
+            raise ValueError(f"values have shape {shown.shape}, expected ({len(where)},) or ({len(where)}, d)")
         if shown.ndim == 2:
             shown = np.linalg.norm(shown, axis=1)
     if where.shape[1] == 3:
@@ -187,9 +181,7 @@ def _color_map(values: np.ndarray | None) -> str:
     return "coolwarm" if _both_signs(values) else "viridis"
 
 
-def _limits(
-    values: np.ndarray | None, limits: tuple[SupportsFloat, SupportsFloat] | None
-) -> tuple[float, float]:
+def _limits(values: np.ndarray | None, limits: tuple[SupportsFloat, SupportsFloat] | None) -> tuple[float, float]:
     if limits is not None:
         low, high = float(limits[0]), float(limits[1])
         if not low < high:

@@ -24,9 +24,7 @@ def matplotlib(module: str) -> Any:
         return importlib.import_module(f"matplotlib.{module}")
     except ModuleNotFoundError as error:
         if error.name and error.name.split(".")[0] in ("matplotlib", "PIL"):
-            raise ImportError(
-                f"pictures need {error.name}: pip install 'jaxsph[plot]'", name=error.name
-            ) from error
+            raise ImportError(f"pictures need {error.name}: pip install 'jaxsph[plot]'", name=error.name) from error
         raise
 
 

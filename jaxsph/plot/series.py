@@ -77,15 +77,11 @@ def time_series(
         top.set_ylabel(with_unit(f"{name}{label}", unit), fontsize=MEDIUM)
         if measured:
             when, value = measured
-            top.plot(
-                when, value[:, i], "o", color=VERMILION, markersize=3.2, label="data", zorder=3, alpha=0.85
-            )
+            top.plot(when, value[:, i], "o", color=VERMILION, markersize=3.2, label="data", zorder=3, alpha=0.85)
             below = panels[1, i]
             below.axhline(0.0, color=GRAY, linewidth=0.8)
             if standard_deviation is not None:
-                spread = np.broadcast_to(
-                    np.reshape(standard_deviation, _column(standard_deviation)), value.shape
-                )
+                spread = np.broadcast_to(np.reshape(standard_deviation, _column(standard_deviation)), value.shape)
                 band = 2.0 * spread[:, i]
                 below.fill_between(
                     when, -band, band, color=BLUE, alpha=0.15, linewidth=0, label="2 standard deviations"
@@ -100,12 +96,8 @@ def time_series(
     figure.align_ylabels()
     if measured:
         # outside the panels: no corner of an oscillation is free
-        entries = [
-            entry for panel in panels[:, 0] for entry in zip(*panel.get_legend_handles_labels(), strict=True)
-        ]
-        figure.legend(
-            *zip(*entries, strict=True), loc="outside upper right", ncols=3, fontsize=SMALL, frameon=False
-        )
+        entries = [entry for panel in panels[:, 0] for entry in zip(*panel.get_legend_handles_labels(), strict=True)]
+        figure.legend(*zip(*entries, strict=True), loc="outside upper right", ncols=3, fontsize=SMALL, frameon=False)
     if title:
         panels[0, 0].set_title(title, fontsize=LARGE, loc="left")
     return figure
@@ -121,8 +113,7 @@ def _checked_data(
     when, value = np.asarray(data_times, float), np.asarray(data, float)
     if when.ndim != 1 or when.size == 0 or value.size != when.size * model.shape[1]:
         raise ValueError(
-            f"data_times {when.shape} and data {value.shape}: expected (M,) and (M, {model.shape[1]}) with "
-            "M >= 1"
+            f"data_times {when.shape} and data {value.shape}: expected (M,) and (M, {model.shape[1]}) with M >= 1"
         )
     if when.min() < times[0] or when.max() > times[-1]:
         raise ValueError(
