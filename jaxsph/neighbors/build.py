@@ -15,7 +15,7 @@ from jaxsph.neighbors import jax_md
 from jaxsph.neighbors.cells import CellGrid, cell_order
 from jaxsph.neighbors.domain import Domain
 from jaxsph.neighbors.lists import NeighborList, raise_if_wrong, require_senders
-from jaxsph.neighbors.search import Capacity, count_neighbors, find_neighbors, index_cells, widest_ranges
+from jaxsph.neighbors.search import Capacity, find_neighbors, index_cells, occupancy
 from jaxsph.pytree import is_concrete, replace
 
 BUILDERS = ("cells", "jax-md")
@@ -52,14 +52,14 @@ class NeighborSearch:
         senders = None if senders is None else self._checked(senders, "senders", positions.dtype)
         # Sizes chosen for particles outside would be meaningless, so the sets are looked at first.
         blank = self._blank(positions, senders, Capacity(1, 1, 1))
-        raise_if_wrong(_outside_flags(blank, positions, senders))
+        raise_if_wrong(_noted_outside(blank, positions, senders, np))
         if self.builder == "jax-md":
             return jax_md.allocate(self, blank, positions)
-        neighbors = self._blank(positions, senders, _capacity(self.grid, positions, senders, self.capacity_multiplier))
+        neighbors = self._blank(positions, senders, self._capacity(positions, senders))
         if senders is not None:
-            turned = _capacity(self.grid, senders, positions, self.capacity_multiplier)
-            neighbors = replace(neighbors, transpose=self._blank(senders, None, turned))
-        return _update_jit(self, positions, neighbors, senders)
+            transpose = self._blank(senders, None, self._capacity(senders, positions))
+            neighbors = replace(neighbors, transpose=transpose)
+        return _rebuilt(self.grid, False, neighbors, positions, senders)
 
     def update(
         self,
@@ -98,10 +98,9 @@ class NeighborSearch:
             like = neighbors.transpose.reference  # type: ignore[union-attr]
             senders = self._checked(senders, "senders", like.dtype, like.shape)
         positions, senders = jax.lax.stop_gradient((positions, senders))
-        flagged = _outside_flags(neighbors, positions, senders)
         if self.builder == "jax-md":
-            return jax_md.update(self, flagged, positions)
-        return _rebuilt(self.grid, flagged, positions, senders, in_cell_order)
+            return jax_md.update(self, _noted_outside(neighbors, positions, senders, jnp), positions)
+        return _rebuilt(self.grid, in_cell_order, neighbors, positions, senders)
 
     def sort(self, positions: ArrayLike) -> Int[Array, " n"]:
         """The permutation that puts particles in cell order. Works inside jit.
@@ -128,25 +127,42 @@ class NeighborSearch:
             )
         return positions
 
+    def _capacity(self, receivers, senders) -> Capacity:
+        """Sizes for these positions with the reserve."""
+        most, width, width_round = (int(number) for number in _occupancy_jit(self.grid, receivers, senders))
+        n_senders = receivers.shape[1] if senders is None else senders.shape[1]
+
+        def reserve(needed, limit):
+            return max(min(math.ceil(needed * self.capacity_multiplier), limit), 1)
+
+        return Capacity(
+            reserve(most, n_senders - 1 if senders is None else n_senders),
+            reserve(width, n_senders),
+            # Half of a range can lie at the far end, also if there are no particles yet.
+            reserve(max(width_round, width // 2), n_senders) if self.grid.goes_round else 0,
+        )
+
     def _blank(self, positions, senders, capacity: Capacity) -> NeighborList:
-        """A list of these sizes, still empty."""
+        """A list of these sizes, still empty. Made with NumPy: nothing to compile."""
         n = positions.shape[1]
-        transpose = None if senders is None else self._blank(senders, None, capacity)
+        arrays = {
+            "indices": np.zeros((capacity.slots, n), np.int32),
+            "count": np.zeros(n, np.int32),
+            "needed_slots": np.int32(0),
+            "needed_range": np.zeros(2, np.int32),
+            "outside": np.int32(-1),
+            "outside_position": np.zeros(positions.shape[0], positions.dtype),
+            "out_of_order": np.asarray(False),
+        }
         return NeighborList(
-            indices=jnp.zeros((capacity.slots, n), jnp.int32),
-            count=jnp.zeros(n, jnp.int32),
-            transpose=transpose,
+            transpose=None if senders is None else self._blank(senders, None, capacity),
             reference=positions,
-            needed_slots=jnp.int32(0),
-            needed_range=jnp.zeros(2, jnp.int32),
-            outside=jnp.int32(-1),
-            outside_position=jnp.zeros(positions.shape[0], positions.dtype),
-            out_of_order=jnp.asarray(False),
             grid=self.grid,
             cutoff=self.cutoff,
             skin=self.skin,
             capacity=capacity,
             builder=self.builder,
+            **{name: jnp.asarray(value) for name, value in arrays.items()},
         )
 
 
@@ -191,11 +207,15 @@ def neighbor_list(
 
 
 @partial(jax.jit, static_argnums=0)
-def _update_jit(search, positions, neighbors, senders):
-    return search.update(positions, neighbors, senders)
+def _occupancy_jit(grid, receivers, senders):
+    permutation, sorted_senders, starts, _ = index_cells(grid, receivers if senders is None else senders, False)
+    own = _places(permutation, receivers.shape[1]) if senders is None else None
+    return occupancy(grid, receivers, sorted_senders, starts, own)
 
 
-def _rebuilt(grid, neighbors, positions, senders, in_cell_order):
+@partial(jax.jit, static_argnums=(0, 1))
+def _rebuilt(grid, in_cell_order, neighbors, positions, senders):
+    neighbors = _noted_outside(neighbors, positions, senders, jnp)
     indexed = index_cells(grid, positions, in_cell_order)
     if neighbors.transpose is None:
         permutation, _, _, _ = indexed
@@ -230,31 +250,16 @@ def _places(permutation, n):
     return jnp.zeros(n, jnp.int32).at[permutation].set(standing, unique_indices=True, mode="promise_in_bounds")
 
 
-def _outside_flags(neighbors: NeighborList, positions, senders) -> NeighborList:
-    """The list with the first particle outside noted, unless one has been already."""
+def _noted_outside(neighbors: NeighborList, positions, senders, xp) -> NeighborList:
+    """The list with the first particle outside noted, unless one has been already. xp is NumPy or its JAX double."""
+    positions = xp.asarray(positions)
     contained = neighbors.grid.domain.contains(positions)
-    first = jnp.argmin(contained)
-    is_news = ~contained[first] & (neighbors.outside < 0)
+    first = xp.argmin(contained)
+    is_news = ~contained[first] & (xp.asarray(neighbors.outside) < 0)
     if neighbors.transpose is not None:
-        neighbors = replace(neighbors, transpose=_outside_flags(neighbors.transpose, senders, None))
+        neighbors = replace(neighbors, transpose=_noted_outside(neighbors.transpose, senders, None, xp))
     return replace(
         neighbors,
-        outside=jnp.where(is_news, first.astype(jnp.int32), neighbors.outside),
-        outside_position=jnp.where(is_news, positions[:, first], neighbors.outside_position),
+        outside=jnp.asarray(xp.where(is_news, first.astype(np.int32), neighbors.outside)),
+        outside_position=jnp.asarray(xp.where(is_news, positions[:, first], neighbors.outside_position)),
     )
-
-
-def _capacity(grid: CellGrid, receivers, senders, multiplier: float) -> Capacity:
-    """Sizes for these positions with a reserve. Two small compilations, then numbers."""
-    candidates = receivers if senders is None else senders
-    _, sorted_senders, starts, _ = indexed = jax.jit(index_cells, static_argnums=(0, 2))(grid, candidates, False)
-    widths = jax.jit(widest_ranges, static_argnums=0)(grid, receivers, starts)
-    with_reserve = [math.ceil(int(width) * multiplier) for width in widths]
-    n_candidates = candidates.shape[1]
-    ranges = [min(max(width, 1), n_candidates) for width in with_reserve]
-    own = _places(indexed[0], n_candidates) if senders is None else None
-    exact = Capacity(1, max(int(widths[0]), 1), max(int(widths[1]), 1))
-    count = jax.jit(count_neighbors, static_argnums=(0, 5))(grid, receivers, sorted_senders, starts, own, exact)
-    most = n_candidates - (senders is None)
-    slots = min(math.ceil(int(np.max(count)) * multiplier), most)
-    return Capacity(max(slots, 1), ranges[0], ranges[1] if grid.goes_round else 0)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 Numbers = Sequence[float | int] | np.ndarray
 
@@ -105,15 +105,15 @@ class Domain:
                 rows[axis] = rows[axis] - length * jnp.floor((rows[axis] - low) / length)
         return jnp.stack(rows)
 
-    def contains(self, positions: Float[Array, "d n"]) -> Bool[Array, " n"]:
+    def contains(self, positions: Array | np.ndarray) -> Array | np.ndarray:
         """Whether each particle is where the search can find it; False for NaN.
 
         Along a free axis: within the bounds. Along a periodic one: not more than one period beyond them,
-        because the rounding of coordinates further away could cost a neighbor.
+        because the rounding of coordinates further away could cost a neighbor. (d, N) gives (N,), of NumPy or JAX.
         """
-        inside = jnp.ones(positions.shape[1:], bool)
+        inside = np.ones(positions.shape[1:], bool)
         for axis in range(self.dimension):
             slack = self.lengths[axis] if self.periodic[axis] else 0.0
             coordinate = positions[axis]
-            inside &= (coordinate >= self.lower[axis] - slack) & (coordinate <= self.upper[axis] + slack)
+            inside = inside & (coordinate >= self.lower[axis] - slack) & (coordinate <= self.upper[axis] + slack)
         return inside

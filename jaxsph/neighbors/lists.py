@@ -121,12 +121,12 @@ def safe_steps(
             f"skin={skin} and the speeds {max_speed}, {max_sender_speed} must be finite and not negative, and "
             f"time_step={time_step} positive"
         )
-    if both == 0:
-        return 2**31 - 1
-    steps = max(math.ceil(skin / (both * time_step)) - 1, 0)
-    while steps > 0 and steps * time_step * both >= skin:  # rounding of the quotient
-        steps -= 1
-    return min(steps, 2**31 - 1)
+    most, closing = 2**31 - 1, both * time_step
+    if closing * most < skin or closing == 0:
+        return most
+    steps = max(math.ceil(skin / closing) - 1, 0)
+    # The quotient may be rounded up.
+    return steps if steps * closing < skin else max(steps - 1, 0)
 
 
 def raise_if_wrong(neighbors: NeighborList, positions=None, senders=None, name: str = "") -> None:

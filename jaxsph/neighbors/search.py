@@ -52,11 +52,38 @@ def index_cells(grid: CellGrid, positions, in_cell_order: bool):
     return permutation, positions, grid.starts(numbers), ordered
 
 
-def widest_ranges(grid: CellGrid, positions, starts):
-    """The largest number of candidates in a range, and in a range at the far end: () and ()."""
-    first, last, first_round, last_round = grid.ranges(grid.coordinates(positions), starts)
-    round_width = jnp.int32(0) if first_round is None else jnp.max(last_round - first_round)
-    return jnp.max(last - first), round_width
+def occupancy(grid: CellGrid, receivers, senders, starts, own):
+    """What a search of these particles needs: most neighbors, widest range, widest range at the far end.
+
+    Arguments as of `find_neighbors`. It tests candidates one at a time, because it has no sizes to go by; that
+    is slower than the search itself, and done once.
+    """
+    first, last, first_round, last_round = grid.ranges(grid.coordinates(receivers), starts)
+    count = jnp.zeros(receivers.shape[1], jnp.int32)
+    pieces = [(first, last)] if first_round is None else [(first, last), (first_round, last_round)]
+    widths = []
+    for begin, end in pieces:
+        widths.append(jnp.max(end - begin))
+        count += _counted(grid, receivers, senders, own, begin, end, widths[-1])
+    return (jnp.max(count), *widths, *[jnp.int32(0)] * (2 - len(widths)))
+
+
+def _counted(grid, receivers, senders, own, begin, end, width):
+    """Number of candidates in reach, all ranges (rows, n) together: (n,)."""
+
+    def test_next(step, count):
+        candidate = jnp.minimum(begin + step, senders.shape[1] - 1)
+        squared = 0.0
+        for axis in range(grid.domain.dimension):
+            coordinate = senders[axis].at[candidate].get(mode="promise_in_bounds")
+            difference = grid.domain.component(axis, receivers[axis], coordinate)
+            squared = squared + difference * difference
+        near = (squared < _limit(grid, receivers)) & (begin + step < end)
+        if own is not None:
+            near = near & (candidate != own)
+        return count + jnp.sum(near, axis=0, dtype=jnp.int32)
+
+    return jax.lax.fori_loop(0, width, test_next, jnp.zeros(receivers.shape[1], jnp.int32))
 
 
 def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, capacity: Capacity):
@@ -99,12 +126,6 @@ def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, 
     return process(0, empty) if n_tiles == 1 else jax.lax.fori_loop(0, n_tiles, process, empty)
 
 
-def count_neighbors(grid: CellGrid, receivers, senders, starts, own, capacity: Capacity):
-    """The number of neighbors of every receiver, as `find_neighbors` but without a list: (N,)."""
-    padded = jnp.pad(senders, ((0, 0), (0, WORD)), constant_values=jnp.inf)
-    return _test_candidates(grid, receivers, padded, starts, own, capacity)[2]
-
-
 def _words_of(width: int) -> tuple[int, int]:
     """Number of words for a range, and bits used of each: as few candidates as possible beyond the range."""
     words = max(-(-width // WORD), 1)
@@ -137,8 +158,7 @@ def _words(grid, receivers, padded, own, first, last, width):
         candidates = jax.lax.gather(padded[axis], base[..., None], _CONSECUTIVE, (bits,), mode="promise_in_bounds")
         difference = grid.domain.component(axis, receivers[axis][None, :, None], candidates)
         squared = squared + difference * difference
-    limit = jnp.asarray(grid.reach, receivers.dtype) ** 2
-    flags = jnp.where(squared < limit, jnp.uint32(1) << jnp.arange(bits, dtype=jnp.uint32), jnp.uint32(0))
+    flags = jnp.where(squared < _limit(grid, receivers), jnp.uint32(1) << jnp.arange(bits, dtype=jnp.uint32), jnp.uint32(0))
     word = jnp.sum(flags, axis=-1, dtype=jnp.uint32)
     word = word & _lowest(jnp.clip(end - base, 0, bits))
     if own is not None:
@@ -146,6 +166,10 @@ def _words(grid, receivers, padded, own, first, last, width):
         mine = jnp.uint32(1) << jnp.clip(at, 0, WORD - 1).astype(jnp.uint32)
         word = jnp.where((at >= 0) & (at < bits), word & ~mine, word)
     return word, base
+
+
+def _limit(grid, positions):
+    return jnp.asarray(grid.reach, positions.dtype) ** 2
 
 
 def _lowest(number):

@@ -1,0 +1,72 @@
+"""Neighbor lists between two sets, and in domains that are periodic, small, large or almost empty."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxsph.neighbors import CellGrid, Domain, cells, neighbor_list, raise_if_wrong
+from neighbor_oracles import all_pairs, pairs_of, random
+
+
+@pytest.mark.parametrize("periodic", [(False, True), (True, True)])
+def test_two_sets_and_their_transpose(periodic):
+    domain = Domain((-1, 2), (0.5, 3), periodic)
+    rng = np.random.default_rng(5)
+    receivers = jnp.asarray(rng.uniform((-1, 2), (0.5, 3), (300, 2)).T, jnp.float32)
+    senders = jnp.asarray(rng.uniform((-1, 2), (0.5, 3), (170, 2)).T, jnp.float32)
+    neighbors = neighbor_list(domain, 0.2, 0.02).allocate(receivers, senders)
+    raise_if_wrong(neighbors)
+    found = pairs_of(neighbors)
+    assert found == all_pairs(domain, receivers, senders, 0.22, same=False)
+    assert {(j, i) for i, j in found} == pairs_of(neighbors.transpose)
+    turned = neighbors.transposed()
+    assert pairs_of(turned) == pairs_of(neighbors.transpose)
+    assert pairs_of(turned.transpose) == found
+    assert turned.transpose.transpose is None
+
+
+def test_two_sets_in_3d_of_very_different_size():
+    domain = Domain((0, 0, 0), (1, 1, 1), (True, False, True))
+    receivers, senders = jnp.asarray(random(3, 500)), jnp.asarray(random(3, 3, seed=9))
+    neighbors = neighbor_list(domain, 0.3).allocate(receivers, senders)
+    found = pairs_of(neighbors)
+    assert found == all_pairs(domain, receivers, senders, 0.3, same=False)
+    assert {(j, i) for i, j in found} == pairs_of(neighbors.transpose)
+
+
+@pytest.mark.parametrize(("axis", "length"), [(0, 0.5), (0, 0.7), (1, 0.5), (1, 0.55), (1, 0.76), (1, 1.3)])
+def test_few_cells_along_a_periodic_axis(axis, length):
+    """From two reaches, where both neighbors of a cell are the same one, to the first length with ordinary cells."""
+    upper = [1.0, 1.0]
+    upper[axis] = length
+    domain = Domain((0, 0), upper, True)
+    positions = jnp.asarray(random(2, 200) * np.asarray(upper)[:, None])
+    neighbors = neighbor_list(domain, 0.25).allocate(positions)
+    assert pairs_of(neighbors) == all_pairs(domain, positions, positions, 0.25, same=True)
+
+
+def test_a_domain_smaller_than_the_reach_along_free_axes():
+    domain = Domain((0, 0, 0), (0.1, 0.2, 0.1))
+    positions = jnp.asarray(random(3, 50) * np.asarray([[0.1], [0.2], [0.1]]))
+    neighbors = neighbor_list(domain, 1.0).allocate(positions)
+    assert np.asarray(neighbors.count).tolist() == [49] * 50
+
+
+def test_positions_up_to_a_period_beyond_a_periodic_box():
+    domain = Domain((0.2, 0.1), (1.2, 1.1), True)
+    inside = jnp.asarray(random(2) + [[0.2], [0.1]], jnp.float32)
+    shifts = np.random.default_rng(4).integers(-1, 2, inside.shape)
+    beyond = jnp.clip(inside + jnp.asarray(shifts, jnp.float32), -0.79, 2.09)
+    neighbors = neighbor_list(domain, 0.2).allocate(beyond)
+    raise_if_wrong(neighbors)
+    assert pairs_of(neighbors) == all_pairs(domain, beyond, beyond, 0.2, same=True)
+
+
+def test_a_domain_with_far_too_many_cells_is_searched_with_fewer():
+    grid = CellGrid.covering(Domain((0, 0, 0), (100, 100, 100)), 0.05)
+    assert grid.number_of_cells <= cells.CELLS_AT_MOST
+    domain = Domain((-50, -50, -50), (50, 50, 50))
+    positions = jnp.asarray(random(3, 300))
+    assert pairs_of(neighbor_list(domain, 0.2).allocate(positions)) == all_pairs(
+        domain, positions, positions, 0.2, same=True
+    )
