@@ -30,7 +30,18 @@ class Timing:
     fastest: float
     compile_seconds: float | None
     cpu_per_wall: float
-    repetitions: int
+    rounds: tuple[float, ...]
+
+    @property
+    def repetitions(self) -> int:
+        return len(self.rounds)
+
+    def over(self, other: Timing) -> float:
+        """How many times as long as another call: the median of the ratios within each round.
+
+        What slows down a whole round leaves its ratio alone, so this holds on a busy machine where times do not.
+        """
+        return statistics.median(a / b for a, b in zip(self.rounds, other.rounds, strict=True))
 
     def line(self, name: str, pairs: float | None = None) -> str:
         """For the screen; with the number of pairs also pairs per second."""
@@ -71,7 +82,7 @@ def interleaved(calls: Mapping[Name, tuple[Callable[[], Any], float]], budget: f
             walls[name].append(time.perf_counter() - wall)
             processor[name] += time.process_time() - cpu
     return {
-        name: Timing(statistics.median(w), min(w), calls[name][1], processor[name] / sum(w), repetitions)
+        name: Timing(statistics.median(w), min(w), calls[name][1], processor[name] / sum(w), tuple(w))
         for name, w in walls.items()
     }
 

@@ -61,7 +61,7 @@ def rows(precision: str, quick: bool) -> Iterator[list[dict]]:
                 "M particle-steps/s",
             )
         else:
-            figure, value, unit = f"{name} / forward run", timing.seconds / timings["forward run"].seconds, "times"
+            figure, value, unit = f"{name} / forward run", timing.over(timings["forward run"]), "times"
         identity = f"modes.{name.replace(' ', '_')}.{precision}"
         made.append(row(identity, figure=figure, value=value, unit=unit, timing=timing, **about))
     yield made

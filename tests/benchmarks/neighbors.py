@@ -34,8 +34,12 @@ def rebuild(search, fields, neighbors):
 def jax_md_build(domain: Domain, cutoff: float, positions):
     """jax-md's update of a list of format Dense, and its arguments. Its boxes begin at the origin."""
     partition = load()
+
+    def displacement(a, b, **_):
+        return a - b  # what jax_md.space.free() gives
+
     functions = partition.neighbor_list(
-        domain.displacement,
+        displacement,
         np.asarray(domain.lengths),
         cutoff,
         dr_threshold=0.0,
@@ -98,11 +102,11 @@ def rows_of(dimension: int, side: int, precision: str, budget: float) -> list[di
 
 def figures(timings: dict[tuple[str, str], Timing], about: dict[str, Any]) -> Iterator[dict]:
     """Milliseconds of each call, and each build in right-hand sides."""
-    unit = timings["jaxsph", "right-hand side"].seconds
+    right_hand_side = timings["jaxsph", "right-hand side"]
     for (peer, figure), timing in timings.items():
         print(timing.line(f"{peer}: {figure}"), flush=True)
         yield row(**about, figure=figure, value=timing.seconds * 1e3, unit="ms", peer=peer, timing=timing)
     for (peer, figure), timing in timings.items():
         if figure != "right-hand side":
-            ratio = timing.seconds / unit
+            ratio = timing.over(right_hand_side)
             yield row(**about, figure=f"{figure} / right-hand side", value=ratio, unit="times", peer=peer)

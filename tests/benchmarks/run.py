@@ -76,13 +76,19 @@ def save(path: Path, rows: Sequence[dict[str, Any]]) -> None:
 
 
 def merge(old: Iterable[dict], new: Sequence[dict], again: Iterable[tuple[str, str]]) -> list[dict]:
-    """New rows, and the old ones of every (part, precision) that was not measured again; in the order of the parts."""
+    """New rows and the old ones not made again, in the order of the parts.
+
+    Of a (part, precision) measured again no old row stays; of one that broke off those that were not reached stay.
+    """
 
     def origin(row):
         return row["id"].partition(".")[0], row["precision"]
 
-    done = set(again)
-    rows = [row for row in old if origin(row) not in done] + list(new)
+    def key(row):
+        return row["id"], row["figure"], row["peer"]
+
+    done, made = set(again), {key(row) for row in new}
+    rows = [row for row in old if origin(row) not in done and key(row) not in made] + list(new)
     return sorted(rows, key=lambda row: PARTS.index(origin(row)[0]) if origin(row)[0] in PARTS else len(PARTS))
 
 

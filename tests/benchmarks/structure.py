@@ -81,7 +81,7 @@ class Plate:
 
     def timing(self) -> Timing:
         wall, cpu = statistics.median(self.seconds), statistics.median(self.processor)
-        return Timing(wall, min(self.seconds), self.compile_seconds, cpu / wall, len(self.seconds))
+        return Timing(wall, min(self.seconds), self.compile_seconds, cpu / wall, tuple(self.seconds))
 
 
 def rows(precision: str, quick: bool) -> Iterator[list[dict]]:
@@ -163,7 +163,7 @@ class Peer:
             results = [result for result in self.results if result["cached_neighbors"] == cached]
             timings = [result["seconds_per_step"] for result in results]
             cpu = statistics.median(result["cpu_per_wall"] for result in results)
-            by_setting[cached] = Timing(statistics.median(timings), min(timings), None, cpu, len(timings))
+            by_setting[cached] = Timing(statistics.median(timings), min(timings), None, cpu, tuple(timings))
             print(by_setting[cached].line(f"PySPH, neighbors cached: {cached}"), flush=True)
         cached = min(by_setting, key=lambda setting: by_setting[setting].seconds)
         particles, neighbors = self.results[0]["particles"], self.results[0]["neighbors"]
