@@ -192,10 +192,21 @@ def _functions(domain: Domain, cutoff: float, skin: float, multiplier: float) ->
     box = np.asarray(domain.lengths)
     return _Functions(
         partition.neighbor_list(
-            domain.displacement, box, cutoff, skin, multiplier, format=partition.NeighborListFormat.Dense
+            _displacement(domain), box, cutoff, skin, multiplier, format=partition.NeighborListFormat.Dense
         ),
         multiplier,
     )
+
+
+def _displacement(domain: Domain):
+    """The displacement as jax-md calls it: it passes keywords, and tries the number of axes from one upwards."""
+
+    def displacement(a, b, **_):
+        if a.shape != (domain.dimension,):
+            raise ValueError(f"positions of shape {a.shape} in a domain of {domain.dimension} axes")
+        return domain.displacement(a, b)
+
+    return displacement
 
 
 @functools.cache
