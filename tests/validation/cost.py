@@ -100,7 +100,12 @@ def memory(quick: bool) -> Iterator[list[Row]]:
     root = np.sqrt(many / few)
     yield [
         Row("growth of the memory / growth of sqrt(steps)", peaks[many] / peaks[few] / root, SLACK, *where),
-        Row("growth of the processor time / growth of the steps", seconds[many] / seconds[few] / (many / few), SLACK, *where),
+        Row(
+            "growth of the processor time / growth of the steps",
+            seconds[many] / seconds[few] / (many / few),
+            SLACK,
+            *where,
+        ),
     ]
 
 

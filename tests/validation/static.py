@@ -11,7 +11,9 @@ from rows import Case, Row, across, precision
 
 import jaxsph
 
-STATIC_LIMIT = 1e-3  # residual speed over that of a vibration of the deflection's size, a part of the smallest limit
+# Residual speed over that of a vibration of the deflection's size: a part of the smallest limit. In float32 rounding
+# keeps the fastest modes moving at some 4e-3 of it; their displacements are thousands of times smaller.
+STATIC_LIMITS = {"float64": 1e-3, "float32": 1e-2}
 
 
 def settle(scene: jaxsph.Scene, at, angular_frequency: float) -> tuple[np.ndarray, float]:
@@ -43,7 +45,7 @@ def turek_hron(case: str, youngs_modulus: float, quick: bool) -> Iterator[list[R
             Row("relative error, tip uy", abs(tip[1] / uy - 1), limit, *where),
             # the tip shortens with the square of the deflection: twice its error
             Row("relative error, tip ux", abs(tip[0] / ux - 1), None if limit is None else 2 * limit, *where),
-            Row("residual speed / (2 pi f |uy|)", residual, STATIC_LIMIT, *where),
+            Row("residual speed / (2 pi f |uy|)", residual, STATIC_LIMITS[where[1]], *where),
         ]
 
 
@@ -79,7 +81,7 @@ def elastica(quick: bool) -> Iterator[list[Row]]:
         where = (across(particles), "float64")
         yield [
             Row("relative error, tip uy", abs(tip[1] / expected - 1), limits.get(particles), *where),
-            Row("residual speed / (2 pi f |uy|)", residual, STATIC_LIMIT, *where),
+            Row("residual speed / (2 pi f |uy|)", residual, STATIC_LIMITS[where[1]], *where),
         ]
 
 
