@@ -4,7 +4,7 @@ import math
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from jaxsph.neighbors import CellGrid, Domain
 
@@ -77,7 +77,7 @@ def tree_pairs(domain, a, b, reach, same):
     Coordinates up to 1 carry a rounding of eps / 2, differences of two eps, so distances of 0.2 some 10 eps.
     """
     lower, box = np.asarray(domain.lower), np.where(domain.periodic, domain.lengths, 1e6)
-    trees = [cKDTree((np.asarray(x, float).T - lower) % box, boxsize=box) for x in (a, b)]
+    trees = [KDTree((np.asarray(x, float).T - lower) % box, boxsize=box) for x in (a, b)]
     bounds = []
     rounding = 10 * float(jnp.finfo(a.dtype).eps)
     for radius in (reach * (1 - rounding), reach * (1 + rounding)):

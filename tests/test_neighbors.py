@@ -4,10 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from neighbor_oracles import PARTICLES, N, all_pairs, clusters, pairs_of, random, tree_pairs
+from scipy.spatial import KDTree
 
 from jaxsph.neighbors import CellGrid, Domain, cells, neighbor_list, raise_if_wrong
-from neighbor_oracles import PARTICLES, N, all_pairs, clusters, pairs_of, random, tree_pairs
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -68,7 +68,7 @@ def test_many_tiles_give_what_one_gives(monkeypatch):
     monkeypatch.setattr("jaxsph.neighbors.search.TILE_BYTES", 1)
     positions = jnp.asarray(random(2, 5000))
     neighbors = neighbor_list(Domain((0, 0), (1, 1)), 0.05).allocate(positions)
-    tree = cKDTree(np.asarray(positions).T)
+    tree = KDTree(np.asarray(positions).T)
     assert (np.asarray(neighbors.count) + 1 == tree.query_ball_point(tree.data, 0.05, return_length=True)).all()
     assert pairs_of(neighbors) == {(j, i) for i, j in pairs_of(neighbors)}
 

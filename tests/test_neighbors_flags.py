@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from neighbor_oracles import all_pairs, pairs_of, random
 
 from jaxsph.errors import NeighborOverflow, ParticleOutside, SkinExceeded
 from jaxsph.neighbors import Capacity, Domain, is_valid, moved, neighbor_list, raise_if_wrong, safe_steps
 from jaxsph.pytree import replace
-from neighbor_oracles import all_pairs, pairs_of, random
 
 DOMAIN = Domain((0, 0), (1, 1))
 SEARCH = neighbor_list(DOMAIN, 0.18, 0.02)

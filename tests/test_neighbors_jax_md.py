@@ -8,10 +8,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from neighbor_oracles import N, clusters, lattice, pairs_of, random
 
 from jaxsph.errors import NeighborOverflow
 from jaxsph.neighbors import Domain, from_jax_md, jax_md, neighbor_list, raise_if_wrong, to_jax_md
-from neighbor_oracles import N, clusters, lattice, pairs_of, random
 
 
 @pytest.mark.parametrize(
@@ -55,31 +55,34 @@ def test_jax_md_overflow_and_update_inside_jit():
 
 def test_lists_between_two_sets_are_refused():
     search = neighbor_list(Domain((0, 0), (1, 1)), 0.2, builder="jax-md")
-    with pytest.raises(ValueError, match='no lists between two sets.*builder="cells"'):
+    with pytest.raises(ValueError, match=r'no lists between two sets.*builder="cells"'):
         search.allocate(random(2), random(2, 50))
 
 
-@pytest.mark.parametrize("box", [((0, 0), (1, 1)), ((-2, 1), (-1, 2))])
-def test_there_and_back(box):
-    domain = Domain(*box)
-    positions = jnp.asarray(random(2) + np.asarray(box[0])[:, None])
-    neighbors = neighbor_list(domain, 0.15, 0.02).allocate(positions)
+@pytest.mark.parametrize("lower", [(0, 0), (-2, 1)])
+def test_there_and_back(lower):
+    """A list of ours goes to jax-md, is updated there, comes back, and is updated here."""
+    corner = np.asarray(lower, float)[:, None]
+    domain = Domain(lower, np.asarray(lower) + 1)
+    search = neighbor_list(domain, 0.15, 0.02)
+    positions = jnp.asarray(random(2) + corner)
+    neighbors = search.allocate(positions)
     there = to_jax_md(neighbors)
-    idx = np.asarray(there.idx)
-    assert idx.shape == (N, neighbors.indices.shape[0])
-    assert {(i, int(j)) for i in range(N) for j in idx[i] if j < N} == pairs_of(neighbors)
+    assert there.idx.shape == (N, neighbors.indices.shape[0])
+    assert pairs_in(there) == pairs_of(neighbors)
     back = from_jax_md(there, domain, 0.15, 0.02)
     assert pairs_of(back) == pairs_of(neighbors)
     raise_if_wrong(back, positions)
-    # Both conversions go on living: jax-md updates its list, and our search the one that came back.
-    moved = positions + 0.02 * jnp.asarray(random(2, N, seed=7) - 0.5)
-    expected = pairs_of(neighbor_list(domain, 0.15, 0.02).update(moved, neighbors))
-    shifted = moved.T - jnp.asarray(domain.lower)
-    far = shifted.at[0].add(0.05)  # beyond the skin, so that jax-md rebuilds
-    updated = np.asarray(there.update(jnp.clip(far, 0, 1)).idx)
-    expected_far = neighbor_list(domain, 0.15, 0.02).update(jnp.clip(far, 0, 1).T + jnp.asarray(domain.lower)[:, None], neighbors)
-    assert {(i, int(j)) for i in range(N) for j in updated[i] if j < N} == pairs_of(expected_far)
-    assert pairs_of(neighbor_list(domain, 0.15, 0.02).update(moved, back)) == expected
+
+    moved = jnp.asarray(lattice(2, 0.3) + corner)  # far beyond the skin, so that jax-md rebuilds too
+    expected = pairs_of(search.update(moved, neighbors))
+    assert pairs_in(there.update((moved - corner).T)) == expected
+    assert pairs_of(search.update(moved, back)) == expected
+
+
+def pairs_in(theirs):
+    """A list of jax-md's as a set of (receiver, sender)."""
+    return {(i, int(j)) for i, row in enumerate(np.asarray(theirs.idx)) for j in row if j < N}
 
 
 def test_only_dense_lists_of_one_set_convert():

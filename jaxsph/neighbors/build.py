@@ -89,9 +89,9 @@ class NeighborSearch:
         require_senders(neighbors.transpose is not None, senders)
         if neighbors.grid != self.grid or neighbors.builder != self.builder:
             raise ValueError(
-                f"the list was built with cutoff={neighbors.cutoff}, skin={neighbors.skin}, builder={neighbors.builder!r} "
-                f"in {neighbors.grid.domain}; this search has cutoff={self.cutoff}, skin={self.skin}, "
-                f"builder={self.builder!r} in {self.domain}; allocate a list with this search"
+                f"the list was built with cutoff={neighbors.cutoff}, skin={neighbors.skin}, "
+                f"builder={neighbors.builder!r} in {neighbors.grid.domain}, not with cutoff={self.cutoff}, "
+                f"skin={self.skin}, builder={self.builder!r} in {self.domain}; allocate a list with this search"
             )
         positions = self._checked(positions, "positions", neighbors.reference.dtype, neighbors.reference.shape)
         if senders is not None:

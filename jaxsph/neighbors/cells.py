@@ -106,9 +106,8 @@ class CellGrid:
 
     def number(self, coordinates: Int[Array, "d n"]) -> Int[Array, " n"]:
         """Number of a cell from its coordinates: consecutive along the rows."""
-        return self._row(tuple(coordinates[axis] for axis in self.across)) * self.cells[self.along] + (
-            coordinates[self.along]
-        )
+        row = self._row(tuple(coordinates[axis] for axis in self.across))
+        return row * self.cells[self.along] + coordinates[self.along]
 
     def starts(self, sorted_numbers: Int[Array, " n"]) -> Int[Array, " cells_and_one"]:
         """First particle of each cell among particles sorted by cell, and the number of particles at the end."""

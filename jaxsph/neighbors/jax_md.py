@@ -111,8 +111,8 @@ def from_jax_md(neighbors: Any, domain: Domain, cutoff: float | int, skin: float
     n = neighbors.reference_position.shape[0]
     if index.ndim != 2 or index.shape[0] != n or getattr(neighbors.format, "name", "Dense") != "Dense":
         raise ValueError(
-            f"only lists of jax-md's format Dense, idx (N, K), can be converted; this is {neighbors.format} with idx of "
-            f"shape {index.shape} for {n} particles"
+            f"only lists of jax-md's format Dense, idx (N, K), can be converted; this is {neighbors.format} "
+            f"with idx of shape {index.shape} for {n} particles"
         )
     grid = CellGrid.covering(domain, float(cutoff) + float(skin))
     lower = jnp.asarray(domain.lower, neighbors.reference_position.dtype)
@@ -161,7 +161,7 @@ def _taken_over(neighbors: NeighborList, built, positions) -> NeighborList:
     )
 
 
-def _as_jax_md(functions, neighbors, shifted, reach, cell_capacity, error=0):
+def _as_jax_md(functions, neighbors, shifted, reach, cell_capacity, error: Any = 0):
     partition = load()
     n, slots = shifted.shape[0], neighbors.indices.shape[0]
     filled = jnp.arange(slots)[:, None] < neighbors.count

@@ -155,8 +155,8 @@ def raise_if_wrong(neighbors: NeighborList, positions=None, senders=None, name: 
         _raise_overflow(part, of_list)
     if any(bool(part.out_of_order) for part in sets):
         raise ValueError(
-            f"the neighbor list{of_list} was updated with in_cell_order=True, but the particles were not in cell order; "
-            "permute them with the order that sort(positions) gives first, or leave in_cell_order=False"
+            f"the neighbor list{of_list} was updated with in_cell_order=True, but the particles were not in cell "
+            "order; permute them with the order that sort(positions) gives first, or leave in_cell_order=False"
         )
     if positions is not None:
         distance = float(moved(neighbors, positions, senders))

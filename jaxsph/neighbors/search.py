@@ -92,7 +92,8 @@ def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, 
     Args:
         grid: cells of both sets.
         receivers: positions (d, N), in any order; fastest in cell order.
-        senders: positions (d, M) in cell order, and `starts` of their cells.
+        senders: positions (d, M) in cell order.
+        starts: first sender of each cell, as `CellGrid.starts` gives them.
         sender_ids: (M,) the number of each sorted sender in its own set; None if they are the same.
         own: (N,) where each receiver stands among the sorted senders; None for two different sets.
         capacity: sizes of the arrays.
@@ -158,7 +159,8 @@ def _words(grid, receivers, padded, own, first, last, width):
         candidates = jax.lax.gather(padded[axis], base[..., None], _CONSECUTIVE, (bits,), mode="promise_in_bounds")
         difference = grid.domain.component(axis, receivers[axis][None, :, None], candidates)
         squared = squared + difference * difference
-    flags = jnp.where(squared < _limit(grid, receivers), jnp.uint32(1) << jnp.arange(bits, dtype=jnp.uint32), jnp.uint32(0))
+    bit = jnp.uint32(1) << jnp.arange(bits, dtype=jnp.uint32)
+    flags = jnp.where(squared < _limit(grid, receivers), bit, jnp.uint32(0))
     word = jnp.sum(flags, axis=-1, dtype=jnp.uint32)
     word = word & _lowest(jnp.clip(end - base, 0, bits))
     if own is not None:
