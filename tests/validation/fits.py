@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import jax
 import numpy as np
+from jax.experimental.compilation_cache import compilation_cache
 from motion import TIP
 from reference import FOLDER, number
 from rows import Case, Row, across, precision
@@ -62,11 +63,13 @@ def compiled_once():
     with tempfile.TemporaryDirectory() as folder:
         for option, value in zip(options, (folder, 0.0), strict=True):
             jax.config.update(option, value)
+        compilation_cache.reset_cache()  # the folder is looked at once, with the first compilation
         try:
             yield
         finally:
             for option, value in zip(options, before, strict=True):
                 jax.config.update(option, value)
+            compilation_cache.reset_cache()
 
 
 def noisy_twin(quick: bool) -> Iterator[list[Row]]:
