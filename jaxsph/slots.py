@@ -14,8 +14,9 @@ import jax.numpy as jnp
 
 from jaxsph.pytree import pytree_dataclass
 
-UNROLL = 4  # slots per turn of the forward loop: fewer, longer operations; measured in tests/benchmarks
-UNROLL_DERIVATIVE = 1  # of the loops over tangents and adjoints, whose bodies are long enough
+UNROLL_FROM, UNROLL = 8192, 4
+"""From this many particles on, the forward loop does 4 slots in a turn, which lets XLA use both cores; below, and in
+the loops over tangents and adjoints, one slot a turn is faster. Measured in tests/benchmarks."""
 
 
 @pytree_dataclass
@@ -96,7 +97,9 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, unroll=None
     slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices)
     slots = (*slots, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), edge))
     zeros = [jnp.zeros(shape.shape, shape.dtype) for shape in shapes]
-    unroll = min(UNROLL if unroll is None else unroll, n_slots)
+    if unroll is None:
+        unroll = UNROLL if neighbors.count.shape[0] >= UNROLL_FROM else 1
+    unroll = min(unroll, n_slots)
     return jax.tree.unflatten(structure, jax.lax.scan(add_slot, zeros, slots, unroll=unroll)[0])
 
 

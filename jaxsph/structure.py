@@ -15,7 +15,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax.ad_checkpoint import checkpoint_name
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from jaxsph import checks
 from jaxsph.geometry.shapes import Particles
@@ -152,11 +152,11 @@ def topology(structure: Structure) -> Topology:
         )
     positions = np.asarray(structure.particles.positions, np.float64)
     n = len(positions)
-    cutoff = float(structure.kernel.support_radius(float(structure.smoothing_length)))
+    cutoff = float(np.asarray(structure.kernel.support_radius(float(structure.smoothing_length))))
     cells = np.floor((positions - positions.min(axis=0)) / cutoff).astype(np.int64)
     order = np.lexsort([*positions.T[::-1], *cells.T[::-1]])
     positions = positions[order]
-    tree = cKDTree(positions)
+    tree = KDTree(positions)
     pairs = tree.query_pairs(cutoff * (1 - 1e-9), output_type="ndarray")
     receivers, senders = np.concatenate([pairs, pairs[:, ::-1]]).T
     by_receiver = np.lexsort([senders, receivers])
@@ -275,7 +275,7 @@ def elastic_acceleration(structure: Structure, reference: Reference, displacemen
     stress = structure.law.stress(gradient, material["lam"], material["mu"])
     fields, uniform = {"stress": multiply(stress, reference.correction)}, {}
     if penalty is not None:
-        fields |= {"displacement": displacement, "displacement_gradient": gradient}
+        fields |= {"displacement": displacement, "scaled_gradient": material["youngs_modulus"] * gradient}
         of_modulus = fields if "youngs_modulus" in reference.varying else uniform
         of_modulus["youngs_modulus"] = material["youngs_modulus"]
 

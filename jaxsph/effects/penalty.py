@@ -34,16 +34,15 @@ class PenaltyForce:
     def pair_force(self, a, b, edge):
         """Force on a from b [N, or N/m in 2D], (d,).
 
-        a, b: `displacement` (d,), `displacement_gradient` (d, d), `youngs_modulus`.
+        a, b: `displacement` (d,), `scaled_gradient` E H (d, d), `youngs_modulus` E.
         edge: `reference` X_ab (d,) and `penalty_weight` V_a V_b W(X_ab) / |X_ab|^2.
         """
         moved = a["displacement"] - b["displacement"]
         current = edge["reference"] + moved
         length_squared = dot(current, current)
-        # F X - x = H X - u, without the rounding of positions.
-        error_a = dot(apply(a["displacement_gradient"], edge["reference"]) - moved, current)
-        error_b = dot(apply(b["displacement_gradient"], edge["reference"]) - moved, current)
+        # E (F X - x) = E (H X - u) for a and b together, without the rounding of positions.
+        predicted = apply(a["scaled_gradient"] + b["scaled_gradient"], edge["reference"])
+        error = dot(predicted - (a["youngs_modulus"] + b["youngs_modulus"]) * moved, current)
         weight = 0.5 * self.coefficient * edge["penalty_weight"]
-        error = a["youngs_modulus"] * error_a + b["youngs_modulus"] * error_b
         safe = jnp.where(length_squared > 0, length_squared, 1.0)
         return (weight * error / safe) * current
