@@ -54,7 +54,7 @@ def main(
         data=data,
         unknown={"beam.youngs_modulus": inverse.log(2e5, 6e6, start=start * TRUE_MODULUS, unit="Pa")},
     )
-    print(f"{scene}\n{len(data.times)} samples of the tip's ux, uy to {window:g} s, noise {noise:g}; start {start:g} x E")
+    print(f"{scene}\n{len(data.times)} samples of the tip's ux, uy to {window:g} s, noise {noise:g}")
     fit = inverse.fit(problem, progress=True)
     modulus, error = float(fit["beam.youngs_modulus"]), fit.standard_errors["beam.youngs_modulus"]
     relative = modulus / TRUE_MODULUS - 1
@@ -104,12 +104,12 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--particles", type=int, default=5, help="across the thickness (5)")
     parser.add_argument("--precision", default="float32", choices=("float32", "float64"))
-    parser.add_argument("--noise", type=float, default=0.0, help="standard deviation added, relative to the amplitude (0)")
+    parser.add_argument("--noise", type=float, default=0.0, help="standard deviation added, of the amplitude (0)")
     parser.add_argument("--window", type=float, default=0.9, help="how much of the record to fit [s] (0.9)")
-    parser.add_argument("--every", type=float, default=0.01, help="interval of the samples [s], a multiple of 0.005 (0.01)")
+    parser.add_argument("--every", type=float, default=0.01, help="interval of samples [s], a multiple of 0.005")
     parser.add_argument("--seed", type=int, default=0, help="of the noise")
     parser.add_argument("--start", type=float, default=3.0, help="factor by which the first guess is off (3)")
-    parser.add_argument("--no-bias", dest="bias_check", action="store_false", help="skip the run at twice the resolution")
+    parser.add_argument("--no-bias", dest="bias_check", action="store_false", help="no run at twice the resolution")
     parser.add_argument("--out", default="out", help="folder for results")
     parser.add_argument("--json", dest="json_path", help="file for the summary")
     main(**vars(parser.parse_args()))

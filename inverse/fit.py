@@ -117,8 +117,7 @@ class History:
         )
         if self._progress:
             shown = ", ".join(
-                f"{label} = {value:.6g}"
-                for label, value in list(zip(self._model.labels, values, strict=True))[:4]
+                f"{label} = {value:.6g}" for label, value in list(zip(self._model.labels, values, strict=True))[:4]
             )
             more = f", ... ({len(values)} unknowns)" if len(values) > 4 else ""
             fate = "accepted" if accepted else "refused"
@@ -134,9 +133,13 @@ def _uncertainty(model: Model, best: Evaluation) -> tuple[Evaluation, Uncertaint
     if best.jacobian.shape[0] == 0:
         count = best.jacobian.shape[1]
         if count > JACOBIAN_LIMIT:
-            return best, None, (
-                f"no standard errors: a Jacobian of {count} unknowns would take {count} forward-mode "
-                f"tangents (limit {JACOBIAN_LIMIT})"
+            return (
+                best,
+                None,
+                (
+                    f"no standard errors: a Jacobian of {count} unknowns would take {count} forward-mode "
+                    f"tangents (limit {JACOBIAN_LIMIT})"
+                ),
             )
         try:
             best = model.evaluate(best.z)
@@ -218,7 +221,6 @@ def _checked_windows(windows: Sequence[float]) -> tuple[float, ...]:
     stages = tuple(float(w) for w in windows)
     if not stages or stages[-1] != 1.0 or stages[0] <= 0 or np.any(np.diff(stages) <= 0):
         raise ValueError(
-            f"windows={windows}: give growing fractions of the record that end with 1.0, "
-            "such as (0.2, 0.5, 1.0)"
+            f"windows={windows}: give growing fractions of the record that end with 1.0, such as (0.2, 0.5, 1.0)"
         )
     return stages

@@ -40,9 +40,7 @@ def gauss_newton(
         floor = np.sqrt(model.precision)  # directions that the data see less of are rounding noise
         if iteration > max_iterations // 2:
             shortest = samples_all  # continuation had its chance
-        samples, step = choose_window(
-            current, data, model.width, candidates, shortest, lower, upper, radius, floor
-        )
+        samples, step = choose_window(current, data, model.width, candidates, shortest, lower, upper, radius, floor)
         rows = samples * model.width
         before = float(np.sum(current.residual[:rows] ** 2))
         after = float(np.sum((current.residual[:rows] + current.jacobian[:rows] @ step) ** 2))
@@ -101,8 +99,7 @@ def evaluate_start(model: Model) -> Evaluation:
 
 def start_failed(model: Model, z: np.ndarray, failure: RunFailed) -> RunFailed:
     values = ", ".join(
-        f"{label} = {value:g}"
-        for label, value in list(zip(model.labels, model.problem.vector(z), strict=True))[:5]
+        f"{label} = {value:g}" for label, value in list(zip(model.labels, model.problem.vector(z), strict=True))[:5]
     )
     return RunFailed(
         f"the run at the starting values ({values}) failed: {model.explain(z, str(failure))}. "

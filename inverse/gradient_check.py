@@ -64,9 +64,8 @@ class GradientCheck:
             line = f"{name:<{width}}  {self.forward[i]:16.9e}  {self.reverse[i]:16.9e}"
             if self.steps:
                 errors = [_relative(self.forward[i], value) for value in self.differences[i]]
-                line += (
-                    f"  {self.central[i]:16.9e}  {self.steps[self.best_step[i]]:8.0e}  {'':25} "
-                    + " ".join(f"{error:8.1e}" for error in errors)
+                line += f"  {self.central[i]:16.9e}  {self.steps[self.best_step[i]]:8.0e}  {'':25} " + " ".join(
+                    f"{error:8.1e}" for error in errors
                 )
             lines.append(line)
         if not self.steps:
@@ -74,9 +73,7 @@ class GradientCheck:
                 "central differences not taken: in float32 they are rounding noise; enable "
                 "float64 with jax.config.update('jax_enable_x64', True) and build the scene in float64"
             )
-        lines.append(
-            f"largest relative difference {self.max_relative_difference:.1e}, {self.simulation_runs} runs"
-        )
+        lines.append(f"largest relative difference {self.max_relative_difference:.1e}, {self.simulation_runs} runs")
         return "\n".join(lines)
 
     __repr__ = __str__
@@ -131,28 +128,18 @@ def check(
         best = np.argmin(np.abs(np.diff(differences, axis=1)), axis=1) + 1
     else:
         best = np.zeros(len(directions), dtype=int)
-    return GradientCheck(
-        names, steps, directions @ forward, directions @ gradient, differences, best, model.runs
-    )
+    return GradientCheck(names, steps, directions @ forward, directions @ gradient, differences, best, model.runs)
 
 
 def _point(problem: Problem, at: dict[str, Any]) -> np.ndarray:
     strange = set(at) - set(problem.unknown)
     if strange:
-        raise ValueError(
-            f"at names {', '.join(sorted(strange))}; the unknowns are {', '.join(problem.unknown)}"
-        )
+        raise ValueError(f"at names {', '.join(sorted(strange))}; the unknowns are {', '.join(problem.unknown)}")
     parts = []
     for name, transform in problem.unknown.items():
         value = np.asarray(at.get(name, transform.start), dtype=float)
-        if (
-            value.shape != transform.shape
-            or np.any(value < transform.lower)
-            or np.any(value > transform.upper)
-        ):
-            raise ValueError(
-                f"at[{name!r}] = {value} must have shape {transform.shape} and lie within the bounds"
-            )
+        if value.shape != transform.shape or np.any(value < transform.lower) or np.any(value > transform.upper):
+            raise ValueError(f"at[{name!r}] = {value} must have shape {transform.shape} and lie within the bounds")
         parts.append(transform.internal(value).ravel())
     lower, upper = problem.bounds
     # room for the largest difference step on both sides, so that clipping at a bound does not spoil it

@@ -68,8 +68,7 @@ def verdict(
         names = " and ".join(labels[i] for i in members)
         strongest = max((abs(correlation[i, j]) for i in members for j in members if i < j), default=np.nan)
         numbers = ", ".join(
-            f"{labels[i]} +- {_percent(error[i])} ({_percent(alone[i])} if the others were known)"
-            for i in members
+            f"{labels[i]} +- {_percent(error[i])} ({_percent(alone[i])} if the others were known)" for i in members
         )
         what = "can't be told apart" if group_lost else "are hard to tell apart"
         reasons.append(

@@ -58,18 +58,11 @@ def corners(unknown: Mapping[str, Transform]) -> Iterator[dict[str, Any]]:
     """Dictionaries of values at the corners of the bounds (all entries of an array at the same end)."""
     if len(unknown) > 8:  # 2^n corners: beyond that, one unknown at a time off both ends
         ends = [(0,) * len(unknown), (1,) * len(unknown)]
-        ends += [
-            tuple(int(i == j) ^ base for i in range(len(unknown)))
-            for j in range(len(unknown))
-            for base in (0, 1)
-        ]
+        ends += [tuple(int(i == j) ^ base for i in range(len(unknown))) for j in range(len(unknown)) for base in (0, 1)]
     else:
         ends = list(itertools.product((0, 1), repeat=len(unknown)))
     for end in ends:
-        yield {
-            name: (t.upper if upper else t.lower)[()]
-            for (name, t), upper in zip(unknown.items(), end, strict=True)
-        }
+        yield {name: (t.upper if upper else t.lower)[()] for (name, t), upper in zip(unknown.items(), end, strict=True)}
 
 
 def common_interval(times: np.ndarray) -> float:

@@ -68,9 +68,7 @@ class Model:
         jacobian = tangents.T / self.deviation[:, None]
         residual = self._residual(model)
         if not np.all(np.isfinite(jacobian)):
-            raise RunFailed(
-                f"the derivative with respect to {self._first_bad_column(jacobian)} is not finite"
-            )
+            raise RunFailed(f"the derivative with respect to {self._first_bad_column(jacobian)} is not finite")
         return Evaluation(np.array(z), residual, jacobian)
 
     def residual(self, z: np.ndarray) -> np.ndarray:
@@ -86,9 +84,7 @@ class Model:
         self.adjoints += 1
         residual = self._residual(model)
         if not np.all(np.isfinite(gradient)):
-            raise RunFailed(
-                f"the derivative with respect to {self._first_bad_column(gradient[None])} is not finite"
-            )
+            raise RunFailed(f"the derivative with respect to {self._first_bad_column(gradient[None])} is not finite")
         return 0.5 * float(np.sum(weights * residual**2)), gradient, residual
 
     def explain(self, z: np.ndarray, reason: str) -> str:

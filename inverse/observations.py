@@ -71,9 +71,7 @@ class Observations:
         width = 1 if values.ndim == 1 else values.shape[1]
         columns = tuple(columns) or (("value",) if width == 1 else tuple(f"value[{i}]" for i in range(width)))
         if len(columns) != width:
-            raise ValueError(
-                f"{self.source}: {len(columns)} column names {columns} for {width} columns of values"
-            )
+            raise ValueError(f"{self.source}: {len(columns)} column names {columns} for {width} columns of values")
         object.__setattr__(self, "times", times)
         object.__setattr__(self, "values", values)
         object.__setattr__(self, "columns", columns)
@@ -109,9 +107,7 @@ class Observations:
         """(m,) half the range of each column: what relative noise refers to."""
         return 0.5 * np.ptp(self.values.reshape(len(self), -1), axis=0)
 
-    def with_noise(
-        self, relative: float | None = None, absolute: float | None = None, seed: int = 0
-    ) -> Observations:
+    def with_noise(self, relative: float | None = None, absolute: float | None = None, seed: int = 0) -> Observations:
         """A noisy twin: independent normal noise added, its standard deviation recorded.
 
         Args:
@@ -129,9 +125,7 @@ class Observations:
             level if relative is None else relative * self.amplitude, self.values.reshape(len(self), -1).shape
         ).reshape(self.values.shape)
         noise = np.random.default_rng(seed).standard_normal(self.values.shape)
-        return dataclasses.replace(
-            self, values=self.values + deviations * noise, standard_deviations=deviations
-        )
+        return dataclasses.replace(self, values=self.values + deviations * noise, standard_deviations=deviations)
 
     def select(self, window: tuple[float, float] | None = None, every: int = 1) -> Observations:
         """The samples with t0 <= t <= t1 [s], and of those every `every`-th."""
@@ -140,12 +134,8 @@ class Observations:
         first, last = (self.times[0], self.times[-1]) if window is None else window
         if not first < last and len(self) > 1:
             raise ValueError(f"{self.source}: window=({first}, {last}) must begin before it ends")
-        slack = 1e-9 * abs(
-            self.times[-1]
-        )  # a sample at the edge that was written with few digits still counts
-        if window is not None and last > self.times[-1] + max(
-            slack, np.max(np.diff(self.times), initial=0.0)
-        ):
+        slack = 1e-9 * abs(self.times[-1])  # a sample at the edge that was written with few digits still counts
+        if window is not None and last > self.times[-1] + max(slack, np.max(np.diff(self.times), initial=0.0)):
             raise ValueError(
                 f"{self.source}: window=({first:g}, {last:g}) s ends after the last sample at "
                 f"{self.times[-1]:g} s; end the window there"

@@ -64,22 +64,17 @@ class Problem:
         if replace is None:
             if not callable(getattr(scene, "replace", None)):
                 raise ValueError(
-                    f"a scene of type {type(scene).__name__} has no method replace({{name: value}}); "
-                    "pass replace="
+                    f"a scene of type {type(scene).__name__} has no method replace({{name: value}}); pass replace="
                 )
             replace = _replace_by_method
         if simulate is not None and not (time_step is None and save_every is None):
-            raise ValueError(
-                "time_step and save_every belong to the default simulate; set them inside your own"
-            )
+            raise ValueError("time_step and save_every belong to the default simulate; set them inside your own")
         self.scene = scene
         self.observe = observe
         self.data: Observations = data
         self.unknown: dict[str, Transform] = dict(unknown)
         self.replace = replace
-        self.simulate = simulate or JaxsphSimulation(
-            scene, replace, self.unknown, data.times, time_step, save_every
-        )
+        self.simulate = simulate or JaxsphSimulation(scene, replace, self.unknown, data.times, time_step, save_every)
         self._dtypes = {name: _dtype_of(scene, name) for name in self.unknown}
 
     @property
@@ -121,10 +116,7 @@ class Problem:
         """(n,) standard errors in z as fractions: of the value (log unknowns) or of the range (linear)."""
         errors = [part for _, _, part in self._parts(standard_error)]
         return np.concatenate(
-            [
-                np.ravel(t.relative(part, error))
-                for (_, t, part), error in zip(self._parts(z), errors, strict=True)
-            ]
+            [np.ravel(t.relative(part, error)) for (_, t, part), error in zip(self._parts(z), errors, strict=True)]
         )
 
     def model(self, vector: Any, mode: str) -> jax.Array:

@@ -108,11 +108,7 @@ class Fit:
         width = max(len("unknown"), *(len(label) for label in self.labels[:SHOWN]))
         lines = [f"{'unknown':<{width}}  {'value':>13}  {'std. error':>10}  {'relative':>8}  {'start':>10}"]
         for i, label in enumerate(self.labels[:SHOWN]):
-            error = (
-                f"{u.standard_error[i]:10.2g}  {100 * u.relative_error[i]:6.2g} %"
-                if u
-                else f"{'-':>10}  {'-':>8}"
-            )
+            error = f"{u.standard_error[i]:10.2g}  {100 * u.relative_error[i]:6.2g} %" if u else f"{'-':>10}  {'-':>8}"
             side = f"  at its {u.at_bound[i]} bound" if u and u.at_bound[i] else ""
             lines.append(
                 f"{label:<{width}}  {self.vector[i]:13.7g}  {error}  {self.start[i]:10.4g}  "
@@ -163,8 +159,7 @@ class Fit:
         }
         if self.uncertainty is not None:
             summary["uncertainty"] = {
-                field.name: getattr(self.uncertainty, field.name)
-                for field in dataclasses.fields(self.uncertainty)
+                field.name: getattr(self.uncertainty, field.name) for field in dataclasses.fields(self.uncertainty)
             }
         return _plain(summary)
 
@@ -213,9 +208,7 @@ class Fit:
                 alpha=0.6,
                 label=f"{name} measured",
             )
-            top.plot(
-                self.times, simulated[:, i], "-", color=f"C{i}", linewidth=1.2, label=f"{name} simulated"
-            )
+            top.plot(self.times, simulated[:, i], "-", color=f"C{i}", linewidth=1.2, label=f"{name} simulated")
             middle.plot(self.times, residuals[:, i], ".-", color=f"C{i}", markersize=3, linewidth=0.6)
         top.set(ylabel="observed quantity", title=self._title())
         top.legend(fontsize=8)

@@ -32,14 +32,11 @@ class CsvTable(Table):
     def __init__(self, path: pathlib.Path) -> None:
         self.path = path
         with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [
-                (number, [cell.strip() for cell in row]) for number, row in enumerate(csv.reader(file), 1)
-            ]
+            lines = [(number, [cell.strip() for cell in row]) for number, row in enumerate(csv.reader(file), 1)]
         self._lines = [(number, row) for number, row in lines if any(row) and not row[0].startswith("#")]
         if len(self._lines) < 2:
             raise ValueError(
-                f"{path}: a header and at least one line of numbers are needed, found "
-                f"{len(self._lines)} lines"
+                f"{path}: a header and at least one line of numbers are needed, found {len(self._lines)} lines"
             )
         self.names = self._lines[0][1]
 
@@ -48,9 +45,7 @@ class CsvTable(Table):
 
     def column(self, name: str) -> np.ndarray:
         if name not in self.names:
-            raise ValueError(
-                f"{self.path}: no column {name!r}; line {self._lines[0][0]} names {', '.join(self.names)}"
-            )
+            raise ValueError(f"{self.path}: no column {name!r}; line {self._lines[0][0]} names {', '.join(self.names)}")
         position = self.names.index(name)
         numbers = np.empty(len(self._lines) - 1)
         for i, (line, cells) in enumerate(self._lines[1:]):
@@ -64,8 +59,7 @@ class CsvTable(Table):
                 ) from None
             if not np.isfinite(numbers[i]):
                 raise ValueError(
-                    f"{self.path}, line {line}, column {name!r}: {text} is not finite; fill it in "
-                    "or delete the line"
+                    f"{self.path}, line {line}, column {name!r}: {text} is not finite; fill it in or delete the line"
                 )
         return numbers
 
@@ -92,9 +86,7 @@ class Hdf5Table(Table):
 
     def column(self, name: str) -> np.ndarray:
         if name not in self._columns:
-            raise ValueError(
-                f"{self.path}: no dataset {name!r}; the file holds {', '.join(self.names) or 'none'}"
-            )
+            raise ValueError(f"{self.path}: no dataset {name!r}; the file holds {', '.join(self.names) or 'none'}")
         raw = self._columns[name]
         if raw.ndim != 1 or raw.dtype.kind not in "iuf":
             raise ValueError(
@@ -103,9 +95,7 @@ class Hdf5Table(Table):
             )
         wrong = np.flatnonzero(~np.isfinite(raw))
         if wrong.size:
-            raise ValueError(
-                f"{self.path}, dataset {name!r}, index {wrong[0]}: {raw[wrong[0]]} is not finite"
-            )
+            raise ValueError(f"{self.path}, dataset {name!r}, index {wrong[0]}: {raw[wrong[0]]} is not finite")
         return raw.astype(float)
 
 
@@ -122,9 +112,7 @@ def read_times(table: Table, name: str) -> np.ndarray:
     return times
 
 
-def read_values(
-    table: Table, time: str, columns: Any, noise: Any, length: int
-) -> tuple[list[str], np.ndarray]:
+def read_values(table: Table, time: str, columns: Any, noise: Any, length: int) -> tuple[list[str], np.ndarray]:
     """Names (m) and values (T, m) of the observed columns; every column but time and noise by default."""
     if columns is None:
         chosen = [name for name in table.names if name != time and name not in _entries(noise)]
@@ -150,13 +138,10 @@ def read_noise(table: Table, noise: Any, chosen: list[str], length: int) -> np.n
         if wrong.size and isinstance(entry, str):
             i = int(wrong[0])
             raise ValueError(
-                f"{table.path}, {table.place(i)}, column {entry!r}: a standard deviation of "
-                f"{part[i]:g} must be > 0"
+                f"{table.path}, {table.place(i)}, column {entry!r}: a standard deviation of {part[i]:g} must be > 0"
             )
         if wrong.size:
-            raise ValueError(
-                f"{table.path}: noise={entry} must be a standard deviation > 0, or None if unknown"
-            )
+            raise ValueError(f"{table.path}: noise={entry} must be a standard deviation > 0, or None if unknown")
         parts.append(part)
     return _stacked(table, parts * (len(chosen) // len(parts)), chosen, length)
 

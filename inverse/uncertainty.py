@@ -61,8 +61,7 @@ def estimate(model: Model, evaluation: Evaluation) -> Uncertainty:
     lower, upper = problem.bounds
     near = 1e-6 * (upper - lower)
     at_bound = tuple(
-        "lower" if a else "upper" if b else ""
-        for a, b in zip(z <= lower + near, z >= upper - near, strict=True)
+        "lower" if a else "upper" if b else "" for a, b in zip(z <= lower + near, z >= upper - near, strict=True)
     )
     free = np.array([side == "" for side in at_bound])
     degrees = len(residual) - int(np.sum(free))

@@ -81,7 +81,5 @@ def choose_window(
         return best
     # No window is explained: noise above the signal, or a model that can't follow. All of the data is then
     # best.
-    step = trust_region_step(
-        evaluation.z, evaluation.residual, evaluation.jacobian, lower, upper, radius, floor
-    )
+    step = trust_region_step(evaluation.z, evaluation.residual, evaluation.jacobian, lower, upper, radius, floor)
     return candidates[0], step

@@ -33,8 +33,8 @@ def check_poisson_ratio(value) -> None:
     """Raise ValueError unless all Poisson ratios lie between -1 and 1/2, both excluded."""
     if is_concrete(value) and not np.all((_values(value) > -1) & (_values(value) < 0.5)):
         raise ValueError(
-            f"poisson_ratio = {_worst(value, lambda v: (v > -1) & (v < 0.5))} must lie between -1 and 0.5, both excluded: "
-            "at 0.5 the material is incompressible and the p-wave speed infinite; rubber is 0.45 to 0.499"
+            f"poisson_ratio = {_worst(value, lambda v: (v > -1) & (v < 0.5))} must lie between -1 and 0.5, excluded: "
+            "at 0.5 the p-wave speed is infinite; rubber is 0.45 to 0.499"
         )
 
 

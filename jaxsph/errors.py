@@ -1,10 +1,12 @@
 """What can go wrong in a run, each with the numbers and the cure in its message."""
 
+from typing import Any
+
 
 class SimulationError(RuntimeError):
     """A run that could not go on. `trajectory` holds what was computed until then (or None)."""
 
-    def __init__(self, message: str, trajectory=None):
+    def __init__(self, message: str, trajectory: Any = None):
         super().__init__(message)
         self.trajectory = trajectory
 

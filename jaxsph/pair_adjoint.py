@@ -123,9 +123,7 @@ def _transpose(f, signs, live, residual, cotangent):
         # The own pair of an empty slot drops out by itself only if everything is antisymmetric.
         clear = (-1,) * (len(of_a.take(particles[0])) + sum(live["constants"].mask))
         clear = clear if all(sign == -1 for sign in signs) else None
-        of_particles, of_constants = over_slots(
-            of_pair, here, pairs, fixed["list"], (), clear, unroll=1
-        )
+        of_particles, of_constants = over_slots(of_pair, here, pairs, fixed["list"], (), clear, unroll=1)
         # Each pair was met from both sides, with both cotangents: twice what the constants get.
         of_sets, of_constants = [of_particles], jax.tree.map(lambda leaf: 0.5 * leaf, of_constants)
     elif len(particles) == 1:

@@ -77,11 +77,11 @@ class Scene:
                 return system
         raise KeyError(f"no system is called {name!r}; there are {[s.name for s in self.systems]}")
 
-    def effect(self, kind: type):
+    def effect(self, kind: type) -> Any:
         """The effect of this kind, or None."""
         return next((effect for effect in self.effects if isinstance(effect, kind)), None)
 
-    def get(self, path: str):
+    def get(self, path: str) -> Any:
         """The value that stands at a path such as "plate.youngs_modulus".
 
         Raises KeyError if nothing stands there, naming what does.
@@ -94,7 +94,7 @@ class Scene:
         Raises KeyError for a path at which nothing stands, ValueError for a number out of its range, or of
         another shape.
         """
-        scene = self
+        scene: Any = self
         for path, value in values.items():
             old = scene.get(path)
             if isinstance(old, (np.ndarray, jax.Array, float, int)) and not isinstance(old, bool):

@@ -194,8 +194,9 @@ def _run_traced(scene, found, state, time_step, *, n_saves, n_steps, integrator,
         block = min(n_steps, max(1, round(math.sqrt(steps))))
 
     def to_next_save(carry, _):
+        columns, state = carry
         columns, state = _advance(
-            scene, references, *carry, time_step, n_steps, integrator, forward_mode, block_length=block
+            scene, references, columns, state, time_step, n_steps, integrator, forward_mode, block_length=block
         )
         return (columns, state), _with_rows(state, columns, found)
 

@@ -1,5 +1,7 @@
 """Small bodies that several tests use."""
 
+from typing import Any
+
 import numpy as np
 
 import jaxsph as sph
@@ -8,18 +10,23 @@ SPACING = 0.1
 SIZES = {2: (0.6, 0.6), 3: (0.4, 0.4, 0.4)}
 
 
-def block(d=2, kind=np.float64, disorder=0.2, on_surface=False, **changes) -> sph.Structure:
+def block(d=2, kind: Any = np.float64, disorder=0.2, on_surface=False, **changes: Any) -> sph.Structure:
     """A free block around the origin, of disordered particles, whose neighborhoods are wide enough for the disorder."""
     corner = -0.5 * np.array(SIZES[d])
     particles = sph.box(corner, SIZES[d], SPACING, on_surface=on_surface, dtype=kind)
     particles = sph.jitter(particles, disorder, seed=7)
-    about = {"density": 1000.0, "youngs_modulus": 1e6, "poisson_ratio": 0.3, "smoothing_length": 1.3 * SPACING}
+    about: dict[str, Any] = {
+        "density": 1000.0,
+        "youngs_modulus": 1e6,
+        "poisson_ratio": 0.3,
+        "smoothing_length": 1.3 * SPACING,
+    }
     return sph.Structure("block", particles, **{**about, **changes})
 
 
-def beam(kind=np.float64, **changes) -> sph.Scene:
+def beam(kind: Any = np.float64, **changes: Any) -> sph.Scene:
     """A cantilever of 3 particles across and 42 in all that swings under its weight."""
-    about = {"density": 1000.0, "youngs_modulus": 1e6, "poisson_ratio": 0.3, "gravity": (0.0, -5.0)}
+    about: dict[str, Any] = {"density": 1000.0, "youngs_modulus": 1e6, "poisson_ratio": 0.3, "gravity": (0.0, -5.0)}
     return sph.scenes.cantilever(0.1, 0.02, 3, dtype=kind, **{**about, **changes})
 
 

@@ -33,9 +33,7 @@ def write(path, kind: type = np.float64, d=2, close=True, **options):
             "cauchy": random.random((7, d, d)).astype(kind),
         }
         water = {"position": random.random((5, d)).astype(kind), "density": random.random(5).astype(kind)}
-        given.append(
-            {"plate": plate, "water": water, "state": {"a": random.random(4), "n": np.int32(len(given))}}
-        )
+        given.append({"plate": plate, "water": water, "state": {"a": random.random(4), "n": np.int32(len(given))}})
         fields = {"plate": plate, "water": water}
         writer.append(TIMES[len(given) - 1], fields, state=given[-1]["state"])
     if close:
@@ -93,9 +91,7 @@ def test_vtk_reads_what_was_written(tmp_path, close, saves):
     for save, output in zip(given, outputs, strict=True):
         assert output.GetNumberOfPoints() == output.GetNumberOfVerts() == output.GetNumberOfCells() == 12
         data = output.GetPointData()
-        arrays = {
-            data.GetArrayName(i): vtk_to_numpy(data.GetArray(i)) for i in range(data.GetNumberOfArrays())
-        }
+        arrays = {data.GetArrayName(i): vtk_to_numpy(data.GetArray(i)) for i in range(data.GetNumberOfArrays())}
         expected = np.zeros((12, 3), np.float32)
         expected[:7, :2] = systems["plate"] + save["plate"]["displacement"]
         expected[7:, :2] = save["water"]["position"]
@@ -105,9 +101,7 @@ def test_vtk_reads_what_was_written(tmp_path, close, saves):
         np.testing.assert_array_equal(arrays["Displacement"][:7, :2], save["plate"]["displacement"])
         assert np.all(arrays["Displacement"][:7, 2] == 0) and np.all(np.isnan(arrays["Displacement"][7:]))
         np.testing.assert_array_equal(arrays["VonMises"][:7], save["plate"]["von_mises"])
-        np.testing.assert_array_equal(
-            arrays["Cauchy"][:7].reshape(7, 3, 3)[:, :2, :2], save["plate"]["cauchy"]
-        )
+        np.testing.assert_array_equal(arrays["Cauchy"][:7].reshape(7, 3, 3)[:, :2, :2], save["plate"]["cauchy"])
         np.testing.assert_array_equal(arrays["Density"][7:], save["water"]["density"])
         assert np.all(np.isnan(arrays["Density"][:7]))
 
@@ -189,9 +183,7 @@ def restart_state():
 
 
 def bits(tree):
-    return [
-        (type(leaf), np.asarray(leaf).dtype, np.asarray(leaf).tobytes()) for leaf in jax.tree.leaves(tree)
-    ]
+    return [(type(leaf), np.asarray(leaf).dtype, np.asarray(leaf).tobytes()) for leaf in jax.tree.leaves(tree)]
 
 
 @pytest.mark.parametrize("saves", [1, 2, 17, 18])  # both slots, before and after a move of the file
@@ -302,9 +294,7 @@ def test_killed_writer_leaves_every_finished_save(tmp_path, room, after):
     assert state["time"] - times[-1] in (0, 1)
     _, outputs = vtk_steps(path)
     assert len(outputs) - len(times) in (0, 1)
-    np.testing.assert_array_equal(
-        vtk_to_numpy(outputs[len(times) - 1].GetPoints().GetData())[:, 0], times[-1]
-    )
+    np.testing.assert_array_equal(vtk_to_numpy(outputs[len(times) - 1].GetPoints().GetData())[:, 0], times[-1])
 
 
 def test_a_half_written_slot_leaves_the_one_before(tmp_path):
@@ -341,9 +331,7 @@ def test_damaged_and_foreign_files_are_named(tmp_path):
     path.write_bytes(whole)
     with h5py.File(path, "r+") as file:
         file["jaxsph"].attrs["format_version"] = 99
-    with pytest.raises(
-        ValueError, match=r"format version 99 \(written by jaxsph .*this jaxsph reads format version 1"
-    ):
+    with pytest.raises(ValueError, match=r"format version 99 \(written by jaxsph .*this jaxsph reads format version 1"):
         read_trajectory(path)
     with h5py.File(path, "r+") as file:
         file["jaxsph"].attrs["format_version"] = 1
@@ -359,13 +347,9 @@ def test_damaged_and_foreign_files_are_named(tmp_path):
 def test_state_that_does_not_fit_is_named(tmp_path):
     path = tmp_path / "run.vtkhdf"
     write(path)
-    with pytest.raises(
-        ValueError, match=r"a has shape \(4,\) and type float64, `like` has \(5,\) and float64"
-    ):
+    with pytest.raises(ValueError, match=r"a has shape \(4,\) and type float64, `like` has \(5,\) and float64"):
         read_state(path, {"a": np.zeros(5), "n": np.int32(0)})
-    with pytest.raises(
-        ValueError, match=r"`like` has \(4,\) and float32; build the scene with .* the precision"
-    ):
+    with pytest.raises(ValueError, match=r"`like` has \(4,\) and float32; build the scene with .* the precision"):
         read_state(path, {"a": np.zeros(4, np.float32), "n": np.int32(0)})
     with pytest.raises(ValueError, match=r"missing \['b'\], not asked for \['n'\]"):
         read_state(path, {"a": np.zeros(4), "b": np.int32(0)})
@@ -384,17 +368,13 @@ def test_another_scene_is_named_by_what_differs(tmp_path):
     write(path, scene=scene)
     read_state(path, like, scene=jax.tree.map(np.copy, scene) | {"plate": scene["plate"]})
     other = {**scene, "plate": {**scene["plate"], "youngs_modulus": 1.5e6}}
-    with pytest.raises(
-        ValueError, match=r"plate.youngs_modulus: value 1400000.0 in the file, 1500000.0 in this scene"
-    ):
+    with pytest.raises(ValueError, match=r"plate.youngs_modulus: value 1400000.0 in the file, 1500000.0 in this scene"):
         read_state(path, like, scene=other)
     other = {**scene, "plate": {**scene["plate"], "positions": np.arange(6.0).reshape(3, 2) + 1}}
     with pytest.raises(ValueError, match=r"plate.positions: other numbers"):
         read_state(path, like, scene=other)
     other = {**scene, "plate": {**scene["plate"], "positions": np.zeros((4, 2))}}
-    with pytest.raises(
-        ValueError, match=r"plate.positions: shape \[3, 2\] in the file, \[4, 2\] in this scene"
-    ):
+    with pytest.raises(ValueError, match=r"plate.positions: shape \[3, 2\] in the file, \[4, 2\] in this scene"):
         read_state(path, like, scene=other)
     with pytest.raises(ValueError, match=r"viscosity is only in this scene"):
         read_state(path, like, scene={**scene, "viscosity": 1e-3})

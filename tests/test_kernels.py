@@ -32,9 +32,7 @@ H = 0.7  # a smoothing length that is not 1, so that powers of it cannot hide
 every_kernel = pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: type(kernel).__name__)
 every_dim = pytest.mark.parametrize("dim", [1, 2, 3])
 # Every dimension and both precisions, but not every pair of them: compiling is what these tests cost.
-each_dim_and_dtype = pytest.mark.parametrize(
-    ("dim", "dtype"), [(1, "float32"), (2, "float64"), (3, "float32")]
-)
+each_dim_and_dtype = pytest.mark.parametrize(("dim", "dtype"), [(1, "float32"), (2, "float64"), (3, "float32")])
 every_dtype = pytest.mark.parametrize("dtype", ["float64", "float32"])
 
 
@@ -233,9 +231,7 @@ def test_independent_of_the_unit_of_length(kernel, dim):
 def test_wendland_c2_gradient_costs_one_square_root(dim):
     """No division for each pair: the only ones are by h, which all pairs share."""
     pairs = 8
-    closed = jax.make_jaxpr(jax.vmap(lambda x, h: WendlandC2().gradient(x, h), (0, None)))(
-        jnp.ones((pairs, dim)), H
-    )
+    closed = jax.make_jaxpr(jax.vmap(lambda x, h: WendlandC2().gradient(x, h), (0, None)))(jnp.ones((pairs, dim)), H)
     operations = [(e.primitive.name, e.outvars[0].aval.shape) for e in flat_equations(closed.jaxpr)]
     assert [name for name, shape in operations if name == "sqrt"] == ["sqrt"]
     assert [shape for name, shape in operations if name in ("div", "rsqrt", "pow") and pairs in shape] == []

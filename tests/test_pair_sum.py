@@ -1,12 +1,13 @@
 """The pair sum against a direct sum over all pairs, its derivatives, and what it conserves."""
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from jaxsph import PairList, pair_edges, pair_sum
 from jaxsph.pair_sum import apply, dot, symmetry_error
@@ -31,11 +32,11 @@ def pack(index_lists, own):
 
 def list_of(x, y=None):
     """Neighbor list of positions (d, N) in one set, without the particle itself, or in two."""
-    tree = cKDTree(x.T)
+    tree = KDTree(x.T)
     if y is None:
         found = [sorted(set(near) - {i}) for i, near in enumerate(tree.query_ball_point(x.T, CUTOFF))]
         return PairList(*pack(found, own=True))
-    other = cKDTree(y.T)
+    other = KDTree(y.T)
     back = PairList(*pack(tree.query_ball_point(y.T, CUTOFF), own=False))
     return PairList(*pack(other.query_ball_point(x.T, CUTOFF), own=False), back)
 
@@ -49,7 +50,7 @@ def fields(d, n, kind, seed):
     return {name: jnp.asarray(value.astype(kind)) for name, value in made.items()}
 
 
-def problem(sets, d, kind=np.float64):
+def problem(sets, d, kind: Any = np.float64):
     a = fields(d, N[sets][0], kind, 0)
     if sets == "one":
         return a, a, list_of(np.asarray(a["x"], float))
@@ -380,9 +381,9 @@ def test_antisymmetric_pairs_conserve_linear_momentum(d, kind):
 )
 def test_wrong_lengths_are_refused(receivers, senders, said):
     _, _, neighbors = problem("one", 2)
-    made = ({k: jnp.zeros(shape) for k, shape in f.items()} for f in (receivers, senders))
+    a, b = ({k: jnp.zeros(shape) for k, shape in f.items()} for f in (receivers, senders))
     with pytest.raises(ValueError, match=said):
-        pair_sum(lambda a, b: jnp.zeros(()), *made, neighbors)
+        pair_sum(lambda a, b: jnp.zeros(()), a, b, neighbors)
 
 
 def test_wrong_lengths_of_two_sets_and_their_edges_are_refused():

@@ -103,9 +103,7 @@ def test_time_series_shows_model_data_and_residual():
         np.testing.assert_array_equal(line.get_ydata(), model[:, i])
         np.testing.assert_array_equal(dots.get_ydata(), data[:, i])
         # a straight line is interpolated exactly, up to round-off of numbers of size 4
-        np.testing.assert_allclose(
-            np.asarray(lower[i].get_lines()[1].get_ydata(), float), error[:, i], atol=1e-14
-        )
+        np.testing.assert_allclose(np.asarray(lower[i].get_lines()[1].get_ydata(), float), error[:, i], atol=1e-14)
         band = lower[i].collections[0].get_datalim(lower[i].transData)
         np.testing.assert_allclose([band.y0, band.y1], [-0.2, 0.2], rtol=1e-12)
         assert lower[i].get_xlabel() == "time [s]" and lower[i].get_ylabel() == "residual [m]"
@@ -125,9 +123,7 @@ def test_standard_deviation_for_all_for_each_time_or_for_each_number(spread):
     times = np.array([0.0, 1.0])
     figure = plot.time_series(times, data, data_times=times, data=data, standard_deviation=spread)
     tops = [np.max(axes.collections[0].get_datalim(axes.transData).y1) for axes in figure.axes[2:]]
-    expected = 2 * np.broadcast_to(
-        spread if np.ndim(spread) != 1 else np.reshape(spread, (2, 1)), (2, 2)
-    ).max(axis=0)
+    expected = 2 * np.broadcast_to(spread if np.ndim(spread) != 1 else np.reshape(spread, (2, 1)), (2, 2)).max(axis=0)
     np.testing.assert_allclose(tops, expected, rtol=1e-12)
 
 
@@ -136,9 +132,7 @@ def test_animation_has_every_frame_and_one_scale(tmp_path):
     positions = block() + np.stack([times, 0 * times], axis=1)[:, None]
     values = np.linspace(0.0, 1.0, 60) * times[:, None]
     path = tmp_path / "run.gif"
-    figure = plot.animate(
-        path, positions, values, times, spacing=SPACING, frames_per_second=10, resolution=50
-    )
+    figure = plot.animate(path, positions, values, times, spacing=SPACING, frames_per_second=10, resolution=50)
     axes = figure.axes[0]
     (disks,) = axes.collections
     np.testing.assert_array_equal(disks.get_offsets(), positions[-1])

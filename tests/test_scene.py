@@ -1,5 +1,7 @@
 """A scene finds and replaces its numbers by name, keeps its precision, and refuses what does not fit."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,10 +9,10 @@ import pytest
 
 import jaxsph as sph
 
-ABOUT = {"density": 1000.0, "youngs_modulus": 1e6, "poisson_ratio": 0.3}
+ABOUT: dict[str, Any] = {"density": 1000.0, "youngs_modulus": 1e6, "poisson_ratio": 0.3}
 
 
-def plate(name="plate", d=2, kind=np.float64):
+def plate(name="plate", d=2, kind: Any = np.float64):
     return sph.Structure(name, sph.box((0,) * d, (0.3,) * d, 0.1, dtype=kind), **ABOUT)
 
 

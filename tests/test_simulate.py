@@ -2,6 +2,7 @@
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -104,7 +105,7 @@ def test_two_structures_do_not_feel_each_other():
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-13 * np.abs(expected).max())  # round-off
 
 
-def exploding(kind=np.float64):
+def exploding(kind: Any = np.float64):
     """A beam of which one end is thrown through the other: neo-Hookean stress is not defined inside out."""
     scene = beam(kind)
     x = np.asarray(scene["beam"].particles.positions)

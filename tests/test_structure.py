@@ -1,6 +1,7 @@
 """Total-Lagrangian SPH: patch tests on disordered particles, forces as gradients of the energy, conservation."""
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -94,7 +95,7 @@ def test_force_is_minus_the_gradient_of_the_energy(d, law, varied):
 
     Also where density and moduli change from particle to particle.
     """
-    changes = {}
+    changes: dict[str, Any] = {}
     if varied:
         draw = np.random.default_rng(3)
         n = block(d).n_particles
@@ -212,7 +213,7 @@ def test_topology_holds_all_pairs_within_the_support(d):
 
 
 BOX = sph.box((0, 0), (0.4, 0.2), 0.1)
-ABOUT = {"density": 1000.0, "youngs_modulus": 1e6, "poisson_ratio": 0.3}
+ABOUT: dict[str, Any] = {"density": 1000.0, "youngs_modulus": 1e6, "poisson_ratio": 0.3}
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ from PIL import Image
 
 import jaxsph as sph
 from jaxsph import plot, pytree
+from jaxsph.plot.run import COLORS
 from jaxsph.trajectory import interpolation
 
 POLYNOMIAL = np.array([0.3, -1.0, 4.0, 20.0])  # of time: 1, t, t^2, t^3
@@ -137,11 +138,11 @@ def swing():
     return sph.simulate(beam(), 0.02, 0.01)
 
 
-@pytest.mark.parametrize("color", [None, *plot.run.COLORS])
+@pytest.mark.parametrize("color", [None, *COLORS])
 def test_snapshot_shows_what_is_asked_for(swing, color):
     figure = plot.snapshot(swing, "beam", color=color)
     disks = figure.axes[0].collections[0]
-    np.testing.assert_allclose(disks.get_offsets(), swing.positions("beam")[-1])
+    np.testing.assert_allclose(np.asarray(disks.get_offsets()), swing.positions("beam")[-1])
     assert figure.axes[0].get_title(loc="left") == "beam   t = 0.020 s"
     if color is None:
         assert disks.get_array() is None
@@ -152,7 +153,9 @@ def test_snapshot_shows_what_is_asked_for(swing, color):
         assert np.max(expected) > 0
     else:
         expected = np.linalg.norm(state.systems["beam"][color], axis=1)
-    np.testing.assert_allclose(disks.get_array(), expected, rtol=1e-12)  # the same operations, compiled apart
+    np.testing.assert_allclose(
+        np.asarray(disks.get_array()), expected, rtol=1e-12
+    )  # the same operations, compiled apart
 
 
 def test_snapshot_of_another_state(swing):

@@ -42,6 +42,9 @@ class RunWriter(TrajectoryWriter):
         self._scene = scene
         self._found = topologies(scene) if found is None else found
 
+    def __enter__(self) -> RunWriter:
+        return self
+
     def append_state(self, state: Any) -> None:
         """Append a state of the scene and put it on disk. Raises ValueError as `append`."""
         self.save(state, jax.device_get(_derived(self._scene, state, self._found)))

@@ -99,9 +99,7 @@ def test_failing_trial_runs_shorten_the_step(toys):
     scene = {"stiffness": toys.stiffness, "damping": 0.0, "gravity": toys.gravity}
     unknown = {"stiffness": inverse.log(1, 1e4, start=toys.stiffness / 2)}
     times = np.arange(1, 60) / 100
-    problem = toys.twin(
-        scene, unknown, times, failing_above(toys, 1.02 * toys.stiffness), lambda run: run[:, 0]
-    )
+    problem = toys.twin(scene, unknown, times, failing_above(toys, 1.02 * toys.stiffness), lambda run: run[:, 0])
     fit = inverse.fit(problem)
     assert any("not finite" in entry["note"] for entry in fit.history)
     # only the step tolerance of 1e-5 is left
