@@ -101,7 +101,7 @@ def discretization_bias(fit, particles, times):
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--particles", type=int, default=5, help="across the thickness (5)")
     parser.add_argument("--precision", default="float32", choices=("float32", "float64"))
     parser.add_argument("--noise", type=float, default=0.0, help="standard deviation added, of the amplitude (0)")

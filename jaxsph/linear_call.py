@@ -12,6 +12,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.core import ShapedArray
 from jax.extend.core import Primitive
 from jax.interpreters import ad, batching, mlir
 
@@ -60,7 +61,7 @@ def _abstract(*leaves, forward, transpose, n_residual):
     del transpose
     shapes = [jax.ShapeDtypeStruct(leaf.shape, leaf.dtype) for leaf in leaves]
     out = jax.eval_shape(lambda r, x: forward(r, x), shapes[:n_residual], shapes[n_residual:])
-    return [jax.core.ShapedArray(leaf.shape, leaf.dtype) for leaf in out]
+    return [ShapedArray(leaf.shape, leaf.dtype) for leaf in out]
 
 
 def _differentiate(primals, tangents, *, forward, transpose, n_residual):

@@ -128,12 +128,12 @@ def _transpose(f, signs, live, residual, cotangent):
         of_sets, of_constants = [of_particles], jax.tree.map(lambda leaf: 0.5 * leaf, of_constants)
     elif len(particles) == 1:
 
-        def of_pair(k, neighbor, pair, _):
+        def both_roles(k, neighbor, pair, _):
             mine, of_constants = received(k["fields"], neighbor["fields"], pair["forward"], k["cotangent"])
             theirs = sent(k["fields"], neighbor["fields"], pair["back"], neighbor["cotangent"])
             return [x + y for x, y in zip(mine, theirs, strict=True)], of_constants
 
-        of_particles, of_constants = over_slots(of_pair, here, pairs, fixed["list"], (), unroll=1)
+        of_particles, of_constants = over_slots(both_roles, here, pairs, fixed["list"], (), unroll=1)
         of_sets = [of_particles]
     else:
         of_receivers, of_constants = over_slots(

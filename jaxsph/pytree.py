@@ -6,6 +6,7 @@ import dataclasses
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
+from jax.core import Tracer
 
 T = TypeVar("T")
 
@@ -65,6 +66,5 @@ def replace(item: T, **changes: Any) -> T:
 def is_concrete(*values: Any) -> bool:
     """Whether every leaf is a number that can be looked at now, not a tracer or a placeholder."""
     return all(
-        not isinstance(leaf, (jax.core.Tracer, jax.ShapeDtypeStruct)) and leaf is not object
-        for leaf in jax.tree.leaves(values)
+        not isinstance(leaf, (Tracer, jax.ShapeDtypeStruct)) and leaf is not object for leaf in jax.tree.leaves(values)
     )
