@@ -35,7 +35,10 @@ def accelerations(scene, references: dict[str, Reference], columns: dict, *, for
     out = {}
     for structure in scene.systems:
         ready, fields = references[structure.name], columns[structure.name]
-        total = elastic_acceleration(structure, ready, fields["displacement"], penalty, forward_mode=forward_mode)
+        displacement = fields["displacement"]
+        if "remainder" in fields:
+            displacement = (displacement, fields["remainder"])
+        total = elastic_acceleration(structure, ready, displacement, penalty, forward_mode=forward_mode)
         total = total + gravity
         if damping is not None:
             total = total + damping.acceleration(fields["velocity"])
@@ -51,6 +54,8 @@ def constrain(scene, references: dict[str, Reference], columns: dict, time) -> d
             ready, fields = references[structure.name], columns[structure.name]
             place, speed = prescribed(structure, ready, time)
             moving = ready.moving
+            if "remainder" in fields:
+                fields = {**fields, "remainder": moving * fields["remainder"]}
             out[structure.name] = {
                 **fields,
                 "displacement": moving * fields["displacement"] + (1 - moving) * place,

@@ -6,9 +6,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.dynamics import prepare, topologies
+from jaxsph.effects import PenaltyForce
 from jaxsph.materials.elastic import cauchy_stress, lame_parameters, von_mises
 from jaxsph.state import to_columns
-from jaxsph.structure import displacement_gradient
+from jaxsph.structure import displacement_gradient, penalty_energy
 
 
 def _columns(scene, state, found):
@@ -45,9 +46,11 @@ def stresses(scene, state, name: str, found=None) -> dict:
 def energies(scene, state, found=None) -> dict:
     """Kinetic, elastic and gravitational energy of all structures [J, or J/m in 2D], and their sum `total`.
 
-    The gravitational energy counts from the reference configuration. Clamped particles do not count as kinetic.
+    The elastic energy includes that of the penalty force. The gravitational energy counts from the reference
+    configuration. Clamped particles do not count as kinetic.
     """
     found, references, columns = _columns(scene, state, found)
+    penalty = scene.effect(PenaltyForce)
     kinetic = elastic = gravitational = jnp.zeros((), scene.dtype)
     for structure in scene.systems:
         ready, fields = references[structure.name], columns[structure.name]
@@ -57,6 +60,8 @@ def energies(scene, state, found=None) -> dict:
         lam, mu = lame_parameters(material["youngs_modulus"], material["poisson_ratio"])
         kinetic += 0.5 * jnp.sum(ready.moving * mass * jnp.sum(fields["velocity"] ** 2, axis=0))
         elastic += jnp.sum(ready.volume * structure.law.energy_density(gradient, lam, mu))
+        if penalty is not None:
+            elastic += penalty_energy(ready, fields["displacement"], gradient, penalty)
         height = jnp.sum(jnp.asarray(scene.gravity)[:, None] * fields["displacement"], axis=0)
         gravitational -= jnp.sum(mass * height)
     return {

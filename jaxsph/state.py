@@ -20,7 +20,8 @@ class State:
         time: [s].
         step: number of steps taken.
         systems: by name of the system, its fields, particle first and in the user's order. A structure has
-            `displacement` (N, d) [m], `velocity` (N, d) [m/s], `acceleration` (N, d) [m/s^2].
+            `displacement` (N, d) [m], `velocity` (N, d) [m/s], `acceleration` (N, d) [m/s^2], and in float32
+            `remainder` (N, d) [m], what rounding left out of the displacement (see docs/formulation.md).
         health: what went wrong, if anything did.
 
     In a trajectory every array has a time axis in front.
@@ -44,6 +45,8 @@ def initial_state(scene) -> State:
         free = (~structure.clamped)[:, None]
         velocity = jnp.where(free, jnp.broadcast_to(jnp.asarray(structure.velocity), shape), zero)
         systems[structure.name] = {"displacement": zero, "velocity": velocity, "acceleration": zero}
+        if structure.dtype == np.float32:
+            systems[structure.name]["remainder"] = zero
     return State(jnp.zeros((), scene.dtype), jnp.zeros((), jnp.int32), systems, Health.good(scene.dtype))
 
 

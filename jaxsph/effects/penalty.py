@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
-
 from jaxsph.checks import check_at_least
 from jaxsph.pair_sum import apply, dot
 from jaxsph.pytree import pytree_dataclass
@@ -14,13 +12,18 @@ class PenaltyForce:
     """Pulls pairs back to where the deformation gradients of both particles say they should be.
 
     One point of integration for each particle does not see displacements that alternate from particle to
-    particle. G. C. Ganzenmueller (2015), Comput. Methods Appl. Mech. Eng. 286, 87, eq. (28), adds between a and b
+    particle. As in G. C. Ganzenmueller (2015), Comput. Methods Appl. Mech. Eng. 286, 87, every pair resists the
+    difference e between what the deformation gradients predict and where the particles are. His force (eq. 28)
+    acts along x_ab and leaves out the reaction on the deformation gradients, so it does not derive from an energy:
+    with it a fine beam gains energy from its own motion and blows up after seconds (docs/formulation.md). Here the
+    force is the derivative of the energy of all pairs,
 
-        f_ab = alpha/2  V_a V_b W(X_ab) / |X_ab|^2  (E_a d_ab^a + E_b d_ab^b)  x_ab / |x_ab|,
-        d_ab^a = (F_a X_ab - x_ab) . x_ab / |x_ab|,
+        sum_pairs alpha/2  E_ab  V_a V_b W(X_ab) / |X_ab|^2  |e_ab|^2,
+        e_ab = (H_a + H_b) X_ab / 2 - u_ab,     E_ab = (E_a + E_b) / 2,
 
-    with x_ab = x_a - x_b, antisymmetric in a and b, so that momentum is conserved to round-off. It vanishes
-    for affine deformations. Not smooth where two particles meet (x_ab = 0).
+    with X_ab = X_a - X_b, u_ab = u_a - u_b and H = F - I: a direct force between a and b, and a stress through H.
+    For small e both forms agree in size. It vanishes for affine deformations, is smooth everywhere, and conserves
+    energy, linear and angular momentum.
 
     Attributes:
         coefficient: alpha, not negative; .01 to .1 are common.
@@ -31,18 +34,25 @@ class PenaltyForce:
     def __post_init__(self):
         check_at_least("PenaltyForce.coefficient", self.coefficient, 0.0, "(no unit)")
 
-    def pair_force(self, a, b, edge):
-        """Force on a from b [N, or N/m in 2D], (d,).
+    def _stiffness(self, a, b, edge):
+        return 0.5 * self.coefficient * edge["penalty_weight"] * (a["youngs_modulus"] + b["youngs_modulus"])
 
-        a, b: `displacement` (d,), `scaled_gradient` E H (d, d), `youngs_modulus` E.
-        edge: `reference` X_ab (d,) and `penalty_weight` V_a V_b W(X_ab) / |X_ab|^2.
+    @staticmethod
+    def _error(a, b, moved, edge):
+        return 0.5 * apply(a["displacement_gradient"] + b["displacement_gradient"], edge["reference"]) - moved
+
+    def pair(self, a, b, moved, edge):
+        """What a gets from b: a `force` (d,) [N], and a `stress` times volume (d, d) [N m]. In 2D per meter.
+
+        Args:
+            a, b: `displacement_gradient` H (d, d), `youngs_modulus` E.
+            moved: u_a - u_b (d,).
+            edge: `reference` X_ab (d,) and `penalty_weight` V_a V_b W(X_ab) / |X_ab|^2.
         """
-        moved = a["displacement"] - b["displacement"]
-        current = edge["reference"] + moved
-        length_squared = dot(current, current)
-        # E (F X - x) = E (H X - u) for a and b together, without the rounding of positions.
-        predicted = apply(a["scaled_gradient"] + b["scaled_gradient"], edge["reference"])
-        error = dot(predicted - (a["youngs_modulus"] + b["youngs_modulus"]) * moved, current)
-        weight = 0.5 * self.coefficient * edge["penalty_weight"]
-        safe = jnp.where(length_squared > 0, length_squared, 1.0)
-        return (weight * error / safe) * current
+        pull = self._stiffness(a, b, edge) * self._error(a, b, moved, edge)
+        return {"force": pull, "stress": 0.5 * pull[:, None] * edge["reference"][None, :]}
+
+    def pair_energy(self, a, b, moved, edge):
+        """Energy of a pair [J, in 2D per meter]; arguments as of `pair`."""
+        error = self._error(a, b, moved, edge)
+        return 0.5 * self._stiffness(a, b, edge) * dot(error, error)
