@@ -14,9 +14,8 @@ class PenaltyForce:
     One point of integration for each particle does not see displacements that alternate from particle to
     particle. As in G. C. Ganzenmueller (2015), Comput. Methods Appl. Mech. Eng. 286, 87, every pair resists the
     difference e between what the deformation gradients predict and where the particles are. His force (eq. 28)
-    acts along x_ab and leaves out the reaction on the deformation gradients, so it does not derive from an energy:
-    with it a fine beam gains energy from its own motion and blows up after seconds (docs/formulation.md). Here the
-    force is the derivative of the energy of all pairs,
+    acts along x_ab and leaves out the reaction on the deformation gradients, so it does not derive from an energy.
+    Here the force is the derivative of the energy of all pairs,
 
         sum_pairs alpha/2  E_ab  V_a V_b W(X_ab) / |X_ab|^2  |e_ab|^2,
         e_ab = (H_a + H_b) X_ab / 2 - u_ab,     E_ab = (E_a + E_b) / 2,
