@@ -46,6 +46,8 @@ def test_file_is_read_as_written(tmp_path):
 def test_oscillation_of_a_known_signal():
     times = np.linspace(0, 10, 2001)
     found = oscillation(times, 2 + 3 * np.cos(2 * np.pi * 1.1 * times + 0.4))
+    # the search for its frequency ends at 1e-5 Hz, a phase of 3e-4 at either end
+    assert found.fundamental == pytest.approx(3, rel=1e-6)
     # samples 5 ms apart miss a peak by (1 - cos(pi 1.1 .005)) = 1.5e-4; linear crossings err by far less
     assert found.amplitude == pytest.approx(3, rel=2e-4)
     assert found.mean == pytest.approx(2, abs=1e-3)
