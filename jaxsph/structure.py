@@ -254,7 +254,7 @@ def reference(structure: Structure, topology: Topology, *, penalty: bool) -> Ref
 
 def difference(a, b):
     """a - b for displacements, or for pairs (displacement, remainder), whose high parts are subtracted first."""
-    return sum(jax.tree.leaves(jax.tree.map(jnp.subtract, a, b)))
+    return jax.tree.reduce(jnp.add, jax.tree.map(jnp.subtract, a, b))
 
 
 def displacement_gradient(reference: Reference, displacement, *, forward_mode: bool = False):
