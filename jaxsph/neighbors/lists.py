@@ -125,8 +125,8 @@ def safe_steps(
     if closing * most < skin or closing == 0:
         return most
     steps = max(math.ceil(skin / closing) - 1, 0)
-    # The quotient may be rounded up.
-    return steps if steps * closing < skin else max(steps - 1, 0)
+    # The quotient and the products may be rounded up, in whatever order they are formed.
+    return steps if steps * closing < skin * (1 - 1e-12) else max(steps - 1, 0)
 
 
 def raise_if_wrong(neighbors: NeighborList, positions=None, senders=None, name: str = "") -> None:
