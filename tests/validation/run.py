@@ -62,7 +62,7 @@ def run_cases(cases: Sequence[Case], quick: bool, path: Path) -> tuple[list[dict
                     print(line(new[-1]), flush=True)
                 save(path, merge(old, new, finished, order))
                 begin = time.perf_counter()
-        except Exception:
+        except Exception:  # one case that breaks off must not lose the others: its traceback is shown, exit code 1
             traceback.print_exc()
             broken.append(case.id)
         else:
