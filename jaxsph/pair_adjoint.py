@@ -84,7 +84,7 @@ def _tangent(f, signs, live, residual, linear):
 
     both = [{"value": v, "tangent": t} for v, t in zip(particles, linear["sets"], strict=True)]
     pairs = {"value": edge, "tangent": linear["edge"]}
-    return over_slots(of_pair, both, pairs, fixed["list"], linear["constants"], signs, unroll=1)
+    return over_slots(of_pair, both, pairs, fixed["list"], linear["constants"], signs, derivative=True)
 
 
 def _transpose(f, signs, live, residual, cotangent):
@@ -123,7 +123,7 @@ def _transpose(f, signs, live, residual, cotangent):
         # The own pair of an empty slot drops out by itself only if everything is antisymmetric.
         clear = (-1,) * (len(of_a.take(particles[0])) + sum(live["constants"].mask))
         clear = clear if all(sign == -1 for sign in signs) else None
-        of_particles, of_constants = over_slots(of_pair, here, pairs, fixed["list"], (), clear, unroll=1)
+        of_particles, of_constants = over_slots(of_pair, here, pairs, fixed["list"], (), clear, derivative=True)
         # Each pair was met from both sides, with both cotangents: twice what the constants get.
         of_sets, of_constants = [of_particles], jax.tree.map(lambda leaf: 0.5 * leaf, of_constants)
     elif len(particles) == 1:
@@ -133,18 +133,18 @@ def _transpose(f, signs, live, residual, cotangent):
             theirs = sent(k["fields"], neighbor["fields"], pair["back"], neighbor["cotangent"])
             return [x + y for x, y in zip(mine, theirs, strict=True)], of_constants
 
-        of_particles, of_constants = over_slots(both_roles, here, pairs, fixed["list"], (), unroll=1)
+        of_particles, of_constants = over_slots(both_roles, here, pairs, fixed["list"], (), derivative=True)
         of_sets = [of_particles]
     else:
         of_receivers, of_constants = over_slots(
             lambda k, neighbor, _, __: received(k["fields"], neighbor["fields"], None, k["cotangent"]),
-            here, None, fixed["list"], (), unroll=1,
+            here, None, fixed["list"], (), derivative=True,
         )  # fmt: skip
         of_senders = []
         if any(of_b.mask):
             of_senders = over_slots(
                 lambda k, neighbor, _, __: sent(k["fields"], neighbor["fields"], None, neighbor["cotangent"]),
-                here[::-1], None, fixed["back"], (), unroll=1,
+                here[::-1], None, fixed["back"], (), derivative=True,
             )  # fmt: skip
         of_sets = [of_receivers, of_senders]
     of_edges = per_slot(of_edge, here, edge, fixed["list"]) if any(live["edge"].mask) else []

@@ -15,8 +15,12 @@ import jax.numpy as jnp
 from jaxsph.pytree import pytree_dataclass
 
 UNROLL_FROM, UNROLL = 8192, 4
-"""From this many particles on, the forward loop does 4 slots in a turn, which lets XLA use both cores; below, and in
-the loops over tangents and adjoints, one slot a turn is faster. Measured in tests/benchmarks."""
+"""From this many particles on, the forward loop does 4 slots in a turn, which lets XLA use both cores; below, one slot
+a turn is faster. Measured in tests/benchmarks."""
+
+UNROLL_DERIVATIVE, UNROLL_DERIVATIVE_UP_TO = 2, 40_000
+"""The loops over tangents and adjoints carry more: 2 slots in a turn are faster by a quarter at 10,000 particles and no
+better from 40,000 on, where one slot alone keeps both cores busy (in float64, 2 are slower there)."""
 
 
 @pytree_dataclass
@@ -69,8 +73,10 @@ def pair_edges(geometry: Callable, particles: Any, neighbors: Any, *, backward: 
     return Edges(keep_filled(forward), keep_filled(seen_back))
 
 
-def over_slots(f, particles, edge, neighbors, constants, signs=None, unroll=None):
+def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivative=False):
     """Sum f(a, b, edge, constants) over the slots of a list. particles: one set (a,), or two sets (a, b).
+
+    derivative: whether f is a tangent or an adjoint, which decides how many slots are done in a turn.
 
     Whatever the empty slots give is left out. Where f is antisymmetric it need not be: there the particle is
     paired with itself.
@@ -97,10 +103,16 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, unroll=None
     slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices)
     slots = (*slots, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), edge))
     zeros = [jnp.zeros(shape.shape, shape.dtype) for shape in shapes]
-    if unroll is None:
-        unroll = UNROLL if neighbors.count.shape[0] >= UNROLL_FROM else 1
-    unroll = min(unroll, n_slots)
+    unroll = min(_slots_in_a_turn(neighbors.count.shape[0], derivative), n_slots)
     return jax.tree.unflatten(structure, jax.lax.scan(add_slot, zeros, slots, unroll=unroll)[0])
+
+
+def _slots_in_a_turn(n_particles: int, derivative: bool) -> int:
+    if n_particles < UNROLL_FROM:
+        return 1
+    if not derivative:
+        return UNROLL
+    return UNROLL_DERIVATIVE if n_particles < UNROLL_DERIVATIVE_UP_TO else 1
 
 
 def per_slot(f, particles, edge, neighbors):
