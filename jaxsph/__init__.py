@@ -6,8 +6,25 @@ check_jax_version()
 
 from jaxsph import observe, scenes  # noqa: E402
 from jaxsph.dynamics import stable_time_step, topologies  # noqa: E402
-from jaxsph.effects import Damping, PenaltyForce  # noqa: E402
-from jaxsph.errors import NotFinite, SimulationError, UnstableTimeStep  # noqa: E402
+from jaxsph.density import ContinuityDensity, SummationDensity  # noqa: E402
+from jaxsph.effects import (  # noqa: E402
+    ArtificialViscosity,
+    BodyForce,
+    Damping,
+    DeltaDiffusion,
+    DensityDiffusion,
+    ParticleShifting,
+    PenaltyForce,
+)
+from jaxsph.errors import (  # noqa: E402
+    NeighborOverflow,
+    NotFinite,
+    ParticleOutside,
+    SimulationError,
+    SkinExceeded,
+    UnstableTimeStep,
+)
+from jaxsph.fluid import Fluid  # noqa: E402
 from jaxsph.geometry import Particles, ball, box, jitter  # noqa: E402
 from jaxsph.integrate import Diffrax, KickDriftKick  # noqa: E402
 from jaxsph.kernels import (  # noqa: E402
@@ -19,35 +36,75 @@ from jaxsph.kernels import (  # noqa: E402
     WendlandC4,
     WendlandC6,
 )
-from jaxsph.materials import NeoHookean, StVenantKirchhoff  # noqa: E402
+from jaxsph.materials import (  # noqa: E402
+    AdamiViscosity,
+    Cole,
+    LinearStateEquation,
+    MorrisViscosity,
+    NeoHookean,
+    StVenantKirchhoff,
+)
+from jaxsph.neighbors import Domain  # noqa: E402
 from jaxsph.pair_sum import Edges, PairList, pair_edges, pair_sum  # noqa: E402
 from jaxsph.scene import Scene  # noqa: E402
 from jaxsph.simulate import simulate  # noqa: E402
 from jaxsph.state import State, initial_state  # noqa: E402
 from jaxsph.structure import Structure  # noqa: E402
 from jaxsph.trajectory import Trajectory  # noqa: E402
+from jaxsph.walls import (  # noqa: E402
+    AdamiExtrapolation,
+    BernoulliExtrapolation,
+    PressureMirroring,
+    PressureZeroing,
+    Wall,
+    WallContinuity,
+    WallSummation,
+)
 
 __all__ = [
+    "AdamiExtrapolation",
+    "AdamiViscosity",
+    "ArtificialViscosity",
+    "BernoulliExtrapolation",
+    "BodyForce",
+    "Cole",
+    "ContinuityDensity",
     "CubicSpline",
     "Damping",
+    "DeltaDiffusion",
+    "DensityDiffusion",
     "Diffrax",
+    "Domain",
     "Edges",
+    "Fluid",
     "Gaussian",
     "KickDriftKick",
+    "LinearStateEquation",
+    "MorrisViscosity",
+    "NeighborOverflow",
     "NeoHookean",
     "NotFinite",
     "PairList",
+    "ParticleOutside",
+    "ParticleShifting",
     "Particles",
     "PenaltyForce",
+    "PressureMirroring",
+    "PressureZeroing",
     "QuarticSpline",
     "QuinticSpline",
     "Scene",
     "SimulationError",
+    "SkinExceeded",
     "StVenantKirchhoff",
     "State",
     "Structure",
+    "SummationDensity",
     "Trajectory",
     "UnstableTimeStep",
+    "Wall",
+    "WallContinuity",
+    "WallSummation",
     "WendlandC2",
     "WendlandC4",
     "WendlandC6",

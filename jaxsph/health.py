@@ -7,10 +7,17 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.errors import NotFinite, SimulationError, UnstableTimeStep
+from jaxsph.errors import (
+    NeighborOverflow,
+    NotFinite,
+    ParticleOutside,
+    SimulationError,
+    SkinExceeded,
+    UnstableTimeStep,
+)
 from jaxsph.pytree import pytree_dataclass
 
-GOOD, NOT_FINITE, UNSTABLE, GAVE_UP = 0, 1, 2, 3
+GOOD, NOT_FINITE, UNSTABLE, GAVE_UP, OVERFLOW, OUTSIDE, BEYOND_SKIN = 0, 1, 2, 3, 4, 5, 6
 
 CURES = {
     NOT_FINITE: "a field became infinite or not a number; take a smaller time_step, check velocities and moduli, or "
@@ -19,6 +26,11 @@ CURES = {
     "the upper end of the bounds)",
     GAVE_UP: "the error-controlled solver did not reach the end; allow more max_steps, loosen the tolerances, or check "
     "velocities and moduli",
+    OVERFLOW: "a particle got more neighbors than the neighbor list has slots; allocate it from a state in which particles "
+    "are as close as they will be, jaxsph.topologies(scene, state), or with a larger capacity_multiplier",
+    OUTSIDE: "a particle left the domain; widen the scene's domain, or close the wall where it got through",
+    BEYOND_SKIN: "particles moved further between two builds of the neighbor lists than their skin allows; state a larger "
+    "max_speed, or take a smaller time_step",
 }
 
 
@@ -83,6 +95,10 @@ def raise_if_failed(state, trajectory=None) -> None:
             trajectory,
         )
     time = f"t = {float(state.time):.6g} s"
+    numbers = f"({float(health.number):.6g}, limit {float(health.limit):.6g})"
+    for kind, error in ((OVERFLOW, NeighborOverflow), (OUTSIDE, ParticleOutside), (BEYOND_SKIN, SkinExceeded)):
+        if reason == kind:
+            raise error(f"stopped at or before step {step} ({time}) {numbers}: {CURES[kind]}", trajectory)
     if reason == GAVE_UP:
         raise SimulationError(f"stopped after step {step}, before {time}: {CURES[reason]}", trajectory)
     where = ""

@@ -8,32 +8,74 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph import checks
-from jaxsph.dynamics import accelerations, constrain
+from jaxsph.dynamics import accelerations, constrain, place_walls, positions_of
+from jaxsph.flow import density_rates, summed_deviations
 from jaxsph.pytree import pytree_dataclass, static
+from jaxsph.surroundings import rebuild
+from jaxsph.walls import WallSummation
 
 
 @pytree_dataclass
 class KickDriftKick:
-    """Velocity Verlet with one force evaluation a step: second order, symplectic for conservative forces.
+    """Velocity Verlet, the density at the middle of the drift: second order, symplectic for conservative forces.
 
-        v += a dt/2,   u += v dt,   a = a(u, v),   v += a dt/2.
+        v += a dt/2,   x += v dt/2,   rho += rate(x, v) dt,   x += v dt/2,   a = a(x, rho, v),   v += a dt/2.
 
-    Drag enters with the velocity of the half step.
+    Structures need one evaluation of their forces, fluids one of the density's rate and one of the forces. Drag and
+    viscosity enter with the velocity of the half step.
     """
 
-    def step(self, scene, references, columns, time, time_step, *, forward_mode: bool):
+    def step(self, scene, references, columns, lists, time, time_step, *, forward_mode: bool):
         """Advance all systems from `time` by one step [s]."""
         half = 0.5 * time_step
-        moved = {}
-        for name, fields in columns.items():
+        moved = dict(columns)
+        for structure in scene.structures:
+            fields = columns[structure.name]
             velocity = fields["velocity"] + half * fields["acceleration"]
-            moved[name] = {**_drift(fields, time_step * velocity), "velocity": velocity}
+            moved[structure.name] = {**_drift(fields, time_step * velocity), "velocity": velocity}
         moved = constrain(scene, references, moved, time + time_step)
-        rates = accelerations(scene, references, moved, forward_mode=forward_mode)
-        return {
-            name: {**fields, "velocity": fields["velocity"] + half * rates[name], "acceleration": rates[name]}
-            for name, fields in moved.items()
-        }
+        placed = place_walls(scene, references, time + time_step) if scene.fluids else None
+        if scene.fluids:
+            moved |= _flow(scene, references, columns, lists, time, time_step, placed, forward_mode)
+        rates = accelerations(scene, references, moved, time + time_step, lists, placed, forward_mode=forward_mode)
+        for name, found in rates.items():
+            velocity = moved[name]["velocity"] + half * found["acceleration"]
+            moved[name] = {**moved[name], **found, "velocity": velocity}
+        return moved
+
+
+def _flow(scene, references, columns, lists, time, time_step, placed, forward_mode):
+    """Fluids half kicked and drifted, their densities, and walls where they are at the end of the step."""
+    half = 0.5 * time_step
+    moved = {wall.name: dict(columns[wall.name]) for wall in scene.walls}
+    for fluid in scene.fluids:
+        fields = dict(columns[fluid.name])
+        fields["velocity"] = fields["velocity"] + half * fields["acceleration"]
+        fields["position"] = fields["position"] + half * _path(fields)
+        moved[fluid.name] = fields
+    if not scene.density.summed:
+        middle = place_walls(scene, references, time + half)
+        rates = density_rates(scene, references, moved, middle, lists, forward_mode=forward_mode)
+        for name, rate in rates.items():
+            deviation = moved[name]["density_deviation"] + time_step * rate
+            moved[name] = {**moved[name], "density_deviation": deviation}
+    for fluid in scene.fluids:
+        fields = moved[fluid.name]
+        moved[fluid.name] = {**fields, "position": fields["position"] + half * _path(fields)}
+    for wall in scene.walls:
+        if wall.motion is not None:
+            position, velocity, _ = placed[wall.name]
+            moved[wall.name] |= {"position": position, "velocity": velocity}
+    for name, deviation in summed_deviations(
+        scene, references, moved, placed, lists, forward_mode=forward_mode
+    ).items():
+        moved[name] = {**moved[name], "density_deviation": deviation}
+    return moved
+
+
+def _path(fields):
+    """The velocity with which particles move."""
+    return fields["velocity"] + fields["shift"] if "shift" in fields else fields["velocity"]
 
 
 def _drift(fields, increment):
@@ -79,20 +121,48 @@ class Diffrax:
         if self.max_steps < 1:
             raise ValueError(f"max_steps = {self.max_steps} must be at least 1")
 
-    def solve(self, scene, references, columns, start, times, first_step, *, forward_mode: bool):
-        """Columns at the times [s] (each with a time axis in front), and whether the solver reached the end."""
+    def solve(self, scene, references, columns, templates, start, times, first_step, *, forward_mode: bool):
+        """Columns at the times [s] (each with a time axis in front), and whether the solver reached the end.
+
+        Neighbor lists are built anew from `templates` at every evaluation.
+        """
         import diffrax
 
+        def evaluate(time, y):
+            """All fields that follow from those of the solver, and the rates of these."""
+            fields = constrain(scene, references, {**columns, **y}, time)
+            lists, placed, densities = {}, None, {}
+            if scene.fluids:
+                placed = place_walls(scene, references, time)
+                fields = {**fields, **{wall.name: dict(fields[wall.name]) for wall in scene.walls}}
+                for wall in scene.walls:
+                    if wall.motion is not None:
+                        position, velocity, _ = placed[wall.name]
+                        fields[wall.name] |= {"position": position, "velocity": velocity}
+                lists = rebuild(scene, templates, positions_of(scene, fields, placed))
+                summed = summed_deviations(scene, references, fields, placed, lists, forward_mode=forward_mode)
+                for name, deviation in summed.items():
+                    fields[name] = {**fields[name], "density_deviation": deviation}
+            found = accelerations(scene, references, fields, time, lists, placed, forward_mode=forward_mode)
+            fields = {name: {**values, **found.get(name, {})} for name, values in fields.items()}
+            if scene.fluids and not scene.density.summed:
+                densities = density_rates(scene, references, fields, placed, lists, forward_mode=forward_mode)
+            return fields, densities
+
         def rates(time, y, _):
-            placed = constrain(scene, references, y, time)
-            change = accelerations(scene, references, placed, forward_mode=forward_mode)
-            return {
-                name: {
-                    "displacement": references[name].moving * y[name]["velocity"],
-                    "velocity": change[name],
-                }
-                for name in y
-            }
+            fields, densities = evaluate(time, y)
+            change = {}
+            for name, solved in y.items():
+                change[name] = {}
+                if "displacement" in solved:
+                    change[name]["displacement"] = references[name].moving * solved["velocity"]
+                if "position" in solved:
+                    change[name]["position"] = _path(fields[name])
+                if "velocity" in solved:
+                    change[name]["velocity"] = fields[name]["acceleration"]
+                if "density_deviation" in solved:
+                    change[name]["density_deviation"] = densities[name]
+            return change
 
         adjoint = self.adjoint
         if adjoint is None:
@@ -100,7 +170,7 @@ class Diffrax:
         controller = self.controller
         if controller is None:
             controller = diffrax.PIDController(rtol=self.relative_tolerance, atol=self.absolute_tolerance)
-        y = {name: {k: fields[k] for k in ("displacement", "velocity")} for name, fields in columns.items()}
+        y = {name: {k: fields[k] for k in _solved(scene, name, fields)} for name, fields in columns.items()}
         solution = diffrax.diffeqsolve(
             diffrax.ODETerm(rates),
             diffrax.Tsit5() if self.solver is None else self.solver,
@@ -117,10 +187,8 @@ class Diffrax:
         ys = solution.ys
         assert ys is not None
 
-        def complete(fields, time):
-            placed = constrain(scene, references, fields, time)
-            change = accelerations(scene, references, placed, forward_mode=forward_mode)
-            whole = {name: {**placed[name], "acceleration": change[name]} for name in placed}
+        def complete(y, time):
+            whole, _ = evaluate(time, y)
             for name, fields in columns.items():
                 if "remainder" in fields:
                     whole[name]["remainder"] = jnp.zeros_like(fields["remainder"])
@@ -128,3 +196,14 @@ class Diffrax:
 
         complete_all = jax.lax.map(lambda item: complete(*item), (ys, jnp.asarray(times)))
         return complete_all, solution.result == diffrax.RESULTS.successful, solution.stats["num_steps"]
+
+
+def _solved(scene, name, fields):
+    """The fields of a system that an error-controlled solver integrates."""
+    if "acceleration" not in fields:
+        names = ["density_deviation"]  # a wall
+    else:
+        names = ["displacement", "position", "velocity", "density_deviation"]
+    summed = {fluid.name for fluid in scene.fluids if scene.density.summed}
+    summed |= {wall.name for wall in scene.walls if isinstance(wall.pressure, WallSummation)}
+    return [k for k in names if k in fields and not (k == "density_deviation" and name in summed)]

@@ -73,6 +73,11 @@ class Kernel:
         r_vec, h = _same_dtype(r_vec, h)
         return _gradient_factor(self, r_vec, h) * r_vec
 
+    def gradient_factor(self, r_vec: Float[ArrayLike, "d ..."], h: Float[ArrayLike, "..."]) -> Float[Array, "..."]:
+        """F in grad_a W = F (r_a - r_b) [1/m^(d+2)]: x . grad W / x^2, finite also where particles coincide."""
+        r_vec, h = _same_dtype(r_vec, h)
+        return _gradient_factor(self, r_vec, h)
+
     def radial(self, q: Float[ArrayLike, "..."], dim: int) -> Float[Array, "..."]:
         """The dimensionless kernel h^d W as a function of q = r / h >= 0, in `dim` dimensions.
 

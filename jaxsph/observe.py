@@ -52,7 +52,7 @@ def energies(scene, state, found=None) -> dict:
     found, references, columns = _columns(scene, state, found)
     penalty = scene.effect(PenaltyForce)
     kinetic = elastic = gravitational = jnp.zeros((), scene.dtype)
-    for structure in scene.systems:
+    for structure in scene.structures:
         ready, fields = references[structure.name], columns[structure.name]
         material = {**ready.uniform, **ready.varying}
         mass = material["density"] * ready.volume

@@ -6,6 +6,8 @@ import dataclasses
 from typing import Any, TypeVar, dataclass_transform
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jax.core import Tracer
 
 T = TypeVar("T")
@@ -68,3 +70,8 @@ def is_concrete(*values: Any) -> bool:
     return all(
         not isinstance(leaf, (Tracer, jax.ShapeDtypeStruct)) and leaf is not object for leaf in jax.tree.leaves(values)
     )
+
+
+def as_real(value: Any, dtype: Any) -> Any:
+    """A number or array in a precision: of NumPy if it is known now, else traced."""
+    return np.asarray(value, dtype) if is_concrete(value) else jnp.asarray(value, dtype)

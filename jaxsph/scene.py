@@ -8,9 +8,20 @@ import jax
 import numpy as np
 
 from jaxsph import checks, pytree
-from jaxsph.effects import Damping, PenaltyForce
-from jaxsph.pytree import is_concrete, pytree_dataclass
+from jaxsph.density import ContinuityDensity, DensityCalculator
+from jaxsph.effects import BodyForce, Damping, FlowEffect, ParticleShifting, PenaltyForce
+from jaxsph.fluid import Fluid
+from jaxsph.kernels import Kernel, WendlandC2
+from jaxsph.neighbors import Domain
+from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, static
 from jaxsph.structure import Structure
+from jaxsph.walls import Wall
+
+
+SMOOTHING_LENGTH = 1.5
+"""Smoothing length of the fluids in particle spacings, if none is given."""
+
+SCENE_NUMBERS = ("gravity", "smoothing_length")
 
 
 @pytree_dataclass
@@ -18,13 +29,18 @@ class Scene:
     """Systems of particles, gravity, and the effects that the scene calls for.
 
     Attributes:
-        systems: structures, each with its own name.
+        systems: fluids, walls and structures, each with its own name.
         gravity: (d,) [m/s^2]; None is none.
-        effects: such as `PenaltyForce(0.05)` or `Damping(2.0)`, at most one of a kind. What is not listed is
-            not compiled.
+        effects: such as `ArtificialViscosity(0.02)` or `PenaltyForce(0.05)`, at most one of a kind (of `BodyForce`
+            any number). What is not listed is not compiled.
+        kernel: smoothing kernel of the fluids; structures have their own.
+        smoothing_length: h of the fluids [m]; None takes 1.5 spacings.
+        density: how fluids get their density.
+        domain: in which the fluids move, with its periodic directions; None is free, and ends far from the particles.
 
     Raises:
-        ValueError: two systems of one name, different dimensions or precisions, two effects of one kind.
+        ValueError: two systems of one name, different dimensions or precisions, two effects of one kind, an effect
+            for which the scene has no system.
 
     A number in a scene is named by where it stands: "plate.youngs_modulus", "gravity", "PenaltyForce.coefficient".
     """
@@ -32,34 +48,68 @@ class Scene:
     systems: tuple
     gravity: Any = None
     effects: tuple = ()
+    kernel: Kernel = WendlandC2()
+    smoothing_length: Any = None
+    density: DensityCalculator = ContinuityDensity()
+    domain: Domain | None = static(default=None)
 
-    def __init__(self, *systems, gravity=None, effects=()):
+    def __init__(
+        self, *systems, gravity=None, effects=(), kernel=None, smoothing_length=None, density=None, domain=None
+    ):
         if len(systems) == 1 and isinstance(systems[0], (tuple, list)):
             systems = tuple(systems[0])
-        for system in systems:
-            if not isinstance(system, Structure):
-                raise ValueError(f"a scene is made of structures, not of {type(system).__name__}")
-        if not systems:
-            raise ValueError("a scene needs at least one system of particles")
-        names = [system.name for system in systems]
-        if len(set(names)) != len(names):
-            raise ValueError(f"two systems have the same name: {names}")
-        dimensions, kinds = {s.dimension for s in systems}, {str(s.dtype) for s in systems}
-        if len(dimensions) > 1 or len(kinds) > 1:
-            raise ValueError(f"all systems of a scene need one dimension and one precision, not {dimensions}, {kinds}")
-        (d,) = dimensions
+        _check_systems(systems)
+        real, d = systems[0].dtype, systems[0].dimension
         gravity = np.zeros(d) if gravity is None else gravity
         checks.check_finite("gravity", gravity, (d,))
-        if is_concrete(gravity):
-            gravity = np.asarray(gravity, systems[0].dtype)
-        for effect in effects:
-            if not isinstance(effect, (PenaltyForce, Damping)):
-                raise ValueError(f"{effect!r} is not an effect; known are PenaltyForce and Damping")
-        if len({type(effect) for effect in effects}) != len(effects):
-            raise ValueError(f"an effect can be listed once: {[type(e).__name__ for e in effects]}")
-        object.__setattr__(self, "systems", tuple(systems))
-        object.__setattr__(self, "gravity", gravity)
-        object.__setattr__(self, "effects", tuple(_in_precision(effect, systems[0].dtype) for effect in effects))
+        _check_effects(effects, systems)
+        flows = [system for system in systems if isinstance(system, Fluid)]
+        if domain is not None and domain.dimension != d:
+            raise ValueError(f"the domain has {domain.dimension} axes, the particles {d}")
+        if smoothing_length is None and flows:
+            smoothing_length = SMOOTHING_LENGTH * min(fluid.particles.spacing for fluid in flows)
+        if smoothing_length is not None:
+            checks.check_positive("smoothing_length", smoothing_length, "m")
+            smoothing_length = as_real(smoothing_length, real)
+        if not flows and domain is None and any(isinstance(system, Wall) for system in systems):
+            raise ValueError("a scene with walls needs a fluid; a structure is held by `clamped`")
+        set_field = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
+        set_field("systems", tuple(systems))
+        set_field("gravity", as_real(gravity, real))
+        set_field("effects", tuple(_in_precision(effect, real) for effect in effects))
+        set_field("kernel", WendlandC2() if kernel is None else kernel)
+        set_field("smoothing_length", smoothing_length)
+        set_field("density", ContinuityDensity() if density is None else density)
+        set_field("domain", domain)
+
+    @property
+    def structures(self) -> list[Structure]:
+        """The elastic bodies."""
+        return [system for system in self.systems if isinstance(system, Structure)]
+
+    @property
+    def fluids(self) -> list[Fluid]:
+        """The fluids."""
+        return [system for system in self.systems if isinstance(system, Fluid)]
+
+    @property
+    def walls(self) -> list[Wall]:
+        """The walls."""
+        return [system for system in self.systems if isinstance(system, Wall)]
+
+    @property
+    def flow_effects(self) -> list:
+        """The effects that take part in the sums of fluids."""
+        return [effect for effect in self.effects if isinstance(effect, FlowEffect)]
+
+    @property
+    def spacing(self) -> float:
+        """Smallest particle spacing of the fluids [m]; of all systems if there is none."""
+        return min(system.particles.spacing for system in self.fluids or self.systems)
+
+    def displacement(self, a, b):
+        """a - b [m], component first; in a periodic domain to the nearest image of b."""
+        return a - b if self.domain is None else self.domain.displacement(a, b)
 
     @property
     def dimension(self) -> int:
@@ -109,22 +159,72 @@ class Scene:
                 system.particles.__post_init__()
             system.check(f"{system.name}.")
         checks.check_finite("gravity", scene.gravity, (scene.dimension,))
-        for effect in scene.effects:
-            effect.__post_init__()
+        if scene.smoothing_length is not None:
+            checks.check_positive("smoothing_length", scene.smoothing_length, "m")
+        for part in (*scene.effects, scene.density):
+            if hasattr(part, "__post_init__"):
+                part.__post_init__()
         return scene
 
     def __str__(self) -> str:
         lines = [f"Scene in {self.dimension}D, {np.dtype(self.dtype).name}"]
-        for s in self.systems:
-            clamped = int(np.sum(s.clamped))
+        lines += ["  " + _described(system) for system in self.systems]
+        if self.fluids:
+            h = self.smoothing_length
             lines.append(
-                f"  {s.name}: {s.n_particles} particles ({clamped} clamped), spacing {s.particles.spacing:.4g} m, "
-                f"{type(s.law).__name__}, E {_short(s.youngs_modulus)} Pa, Poisson ratio {_short(s.poisson_ratio)}, "
-                f"density {_short(s.density)} kg/m^3"
+                f"  {type(self.kernel).__name__}, smoothing length {_short(h)} m, {type(self.density).__name__}, "
+                + ("free domain" if self.domain is None else f"domain {self.domain.lower} to {self.domain.upper} m")
             )
         lines.append(f"  gravity {_short(self.gravity)} m/s^2")
         lines.append("  effects: " + (", ".join(str(e) for e in self.effects) or "none"))
         return "\n".join(lines)
+
+
+def _check_systems(systems):
+    for system in systems:
+        if not isinstance(system, (Structure, Fluid, Wall)):
+            raise ValueError(f"a scene is made of fluids, walls and structures, not of {type(system).__name__}")
+    if not systems:
+        raise ValueError("a scene needs at least one system of particles")
+    names = [system.name for system in systems]
+    if len(set(names)) != len(names):
+        raise ValueError(f"two systems have the same name: {names}")
+    taken = {"gravity", "smoothing_length", "density", "kernel", "domain"} & set(names)
+    if taken:
+        raise ValueError(f"a system is called {sorted(taken)[0]!r}, which names a number of the scene; rename it")
+    dimensions, kinds = {s.dimension for s in systems}, {str(s.dtype) for s in systems}
+    if len(dimensions) > 1 or len(kinds) > 1:
+        raise ValueError(f"all systems of a scene need one dimension and one precision, not {dimensions}, {kinds}")
+
+
+def _check_effects(effects, systems):
+    for effect in effects:
+        if not isinstance(effect, (PenaltyForce, Damping, FlowEffect, ParticleShifting)):
+            raise ValueError(f"{effect!r} is not an effect; see jaxsph.effects for those that are")
+        wanted = Structure if isinstance(effect, (PenaltyForce, Damping)) else Fluid
+        if not any(isinstance(system, wanted) for system in systems) and not isinstance(effect, BodyForce):
+            raise ValueError(f"{type(effect).__name__} acts on a {wanted.__name__}, and the scene has none; leave it out")
+    kinds = [type(effect) for effect in effects if not isinstance(effect, BodyForce)]
+    if len(set(kinds)) != len(kinds):
+        raise ValueError(f"an effect can be listed once: {[kind.__name__ for kind in kinds]}")
+
+
+def _described(s) -> str:
+    """One line about a system."""
+    line = f"{s.name}: {s.n_particles} particles, spacing {s.particles.spacing:.4g} m, "
+    if isinstance(s, Structure):
+        return line + (
+            f"{int(np.sum(s.clamped))} clamped, {type(s.law).__name__}, E {_short(s.youngs_modulus)} Pa, Poisson ratio "
+            f"{_short(s.poisson_ratio)}, density {_short(s.density)} kg/m^3"
+        )
+    if isinstance(s, Fluid):
+        viscosity = "inviscid" if s.viscosity is None else f"viscosity {_short(s.viscosity)} Pa s"
+        return line + (
+            f"density {_short(s.density)} kg/m^3, sound speed {_short(s.sound_speed)} m/s, {viscosity}, "
+            f"{type(s.state_equation).__name__}"
+        )
+    moving = "moving, " if s.motion is not None else ""
+    return line + f"{moving}{type(s.pressure).__name__}, {'no slip' if s.no_slip else 'free slip'}"
 
 
 def _in_precision(effect, real):
@@ -147,7 +247,8 @@ def _short(value):
 def _children(item):
     if isinstance(item, Scene):
         named = {system.name: system for system in item.systems}
-        return named | {type(effect).__name__: effect for effect in item.effects} | {"gravity": item.gravity}
+        named |= {type(effect).__name__: effect for effect in item.effects}
+        return named | {name: getattr(item, name) for name in SCENE_NUMBERS}
     return dict(vars(item)) if hasattr(item, "__dict__") else {}
 
 
@@ -165,8 +266,8 @@ def _put(item, names, value):
         return value
     head, rest = names[0], names[1:]
     if isinstance(item, Scene):
-        if head == "gravity":
-            return pytree.replace(item, gravity=value)
+        if head in SCENE_NUMBERS:
+            return pytree.replace(item, **{head: _put(getattr(item, head), rest, value)})
         systems = tuple(_put(s, rest, value) if s.name == head else s for s in item.systems)
         effects = tuple(_put(e, rest, value) if type(e).__name__ == head else e for e in item.effects)
         return pytree.replace(item, systems=systems, effects=effects)

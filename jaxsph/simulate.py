@@ -12,19 +12,32 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph import checks
+from jaxsph import checks, surroundings
 from jaxsph.dynamics import (
     SAFETY,
     accelerations,
     constrain,
     largest_stable,
     largest_stable_time_step,
+    place_walls,
+    positions_of,
     prepare,
     topologies,
 )
 from jaxsph.errors import UnstableTimeStep
-from jaxsph.health import CURES, GAVE_UP, GOOD, NOT_FINITE, UNSTABLE, all_finite, raise_if_failed
+from jaxsph.health import (
+    BEYOND_SKIN,
+    CURES,
+    GAVE_UP,
+    GOOD,
+    NOT_FINITE,
+    OVERFLOW,
+    UNSTABLE,
+    all_finite,
+    raise_if_failed,
+)
 from jaxsph.integrate import Diffrax, KickDriftKick
+from jaxsph.neighbors import safe_steps
 from jaxsph.pytree import is_concrete, replace
 from jaxsph.state import State, check_state, initial_state, to_columns, to_rows
 from jaxsph.trajectory import Trajectory
@@ -44,6 +57,7 @@ def simulate(
     mode: str = "reverse",
     memory_budget: int = MEMORY_BUDGET,
     topologies_of_scene: dict | None = None,
+    max_speed: float | None = None,
     progress: bool = False,
     out: str | Path | None = None,
 ) -> Trajectory:
@@ -64,21 +78,29 @@ def simulate(
         mode: "reverse" for `grad` (and `jvp`), "forward" if only `jvp` is asked for, which is then cheaper.
         memory_budget: bytes for the states that reverse mode keeps. Beyond it, states are kept for blocks of
             about sqrt(steps), and the memory grows like sqrt(steps).
-        topologies_of_scene: from `topologies`, needed if positions are traced.
+        topologies_of_scene: from `topologies`, needed if positions are traced. With fluids it also decides how many
+            neighbors there is room for under a transformation; a run with plain numbers makes more room by itself.
+        max_speed: of fluids and walls [m/s], from which follows how often neighbor lists are built; None takes a tenth
+            of the sound speed, or the fastest particle at the start. A run with plain numbers that gets faster builds
+            them more often by itself.
         progress: show a bar (needs tqdm).
         out: path of a VTKHDF file to write as the run goes (not under a transformation).
 
     Raises:
         ValueError: arguments that do not fit.
         UnstableTimeStep: time_step is larger than the largest stable one.
+        NeighborOverflow, SkinExceeded: under a transformation, when more neighbors came or particles were faster.
+        ParticleOutside: a particle left the domain.
         NotFinite: a field blew up. The error's `trajectory` holds what was computed, and `out` is whole.
         SimulationError: the error-controlled solver gave up; the same holds.
     """
     if mode not in ("reverse", "forward"):
         raise ValueError(f"mode {mode!r} must be 'reverse' or 'forward'")
     n_saves, save_every = _intervals(t_end, save_every)
-    found = topologies(scene) if topologies_of_scene is None else topologies_of_scene
     traced = not is_concrete(scene, state)
+    if topologies_of_scene is None:
+        topologies_of_scene = topologies(scene, state if is_concrete(state) else None)
+    found = topologies_of_scene
     error_controlled = isinstance(integrator, Diffrax)
     limit = largest_stable(scene, found) if is_concrete(scene) and not error_controlled else None
     if time_step is None and error_controlled:
@@ -97,11 +119,20 @@ def simulate(
             f"take {SAFETY * limit:.4g} s"
         )
     n_steps = max(1, math.ceil(save_every / float(time_step) * (1 - 1e-9)))
+    rebuild_every = 1
+    if scene.fluids:
+        wanted = _steps_between_builds(scene, found, state, save_every / n_steps, max_speed)
+        n_steps, rebuild_every = _in_builds(n_steps, wanted)
     taken = save_every / n_steps
     if state is None:
         state = initial_state(scene)
     check_state(state, scene)
-    options = {"n_steps": n_steps, "integrator": integrator, "forward_mode": mode == "forward"}
+    options = {
+        "n_steps": n_steps,
+        "integrator": integrator,
+        "forward_mode": mode == "forward",
+        "rebuild_every": rebuild_every,
+    }
     if traced:
         if out is not None or progress:
             raise ValueError("out= and progress= need plain numbers; they do not work under jit, grad, jvp or vmap")
@@ -128,57 +159,127 @@ def _intervals(t_end, save_every):
     return n_saves, float(save_every)
 
 
+def _steps_between_builds(scene, found, state, time_step, max_speed) -> int:
+    """How many steps of this size lists stay valid for, and no more than 8."""
+    if max_speed is None:
+        fastest = [0.1 * float(fluid.sound_speed) for fluid in scene.fluids if is_concrete(fluid.sound_speed)]
+        if is_concrete(state, scene.systems):
+            for fluid in scene.fluids:
+                velocity = fluid.velocity if state is None else state.systems[fluid.name]["velocity"]
+                fastest.append(float(np.sqrt(np.max(np.sum(np.asarray(velocity) ** 2, axis=-1)))))
+        if not fastest:
+            raise ValueError("max_speed is needed when the sound speed is traced: it decides how often lists are built")
+        max_speed = 1.1 * max(fastest)
+    checks.check_positive("max_speed", max_speed, "m/s")
+    skin = found[f"{scene.fluids[0].name}-{scene.fluids[0].name}"].skin
+    return max(1, min(8, safe_steps(skin, time_step, max_speed)))
+
+
+def _in_builds(n_steps: int, wanted: int) -> tuple[int, int]:
+    """A number of steps not below n_steps that is a multiple of how many are taken between two builds."""
+    every = 2 ** int(math.log2(max(1, min(wanted, n_steps))))
+    return every * math.ceil(n_steps / every), every
+
+
 def _begin(scene, found, state, forward_mode=False):
     """References, and columns with the forces filled in."""
     references = prepare(scene, found)
     columns = to_columns(state.systems, found)
     columns = constrain(scene, references, columns, state.time)
-    fresh = accelerations(scene, references, columns, forward_mode=forward_mode)
+    lists, placed = _lists(scene, references, columns, found, state.time)
+    fresh = accelerations(scene, references, columns, state.time, lists, placed, forward_mode=forward_mode)
     # A state that has been stepped brings the acceleration of its last step: continuing it is exact.
-    for name, fields in columns.items():
-        kept = jnp.where(state.step == 0, fresh[name], fields["acceleration"])
-        columns[name] = {**fields, "acceleration": kept}
+    for name, found_now in fresh.items():
+        kept = {k: jnp.where(state.step == 0, new, columns[name][k]) for k, new in found_now.items()}
+        columns[name] = {**columns[name], **kept}
     return references, columns
+
+
+def _lists(scene, references, columns, found, time):
+    """Neighbor lists of the fluids, and walls where they are at a time."""
+    if not scene.fluids:
+        return None, None
+    placed = place_walls(scene, references, time)
+    return surroundings.rebuild(scene, found, positions_of(scene, columns, placed)), placed
 
 
 _begin_compiled = jax.jit(_begin)
 
 
-def _advance(scene, references, columns, state, time_step, n_steps, integrator, forward_mode, block_length=None):
-    """n_steps steps from a state. In blocks of block_length steps, each recomputed in reverse mode."""
+def _advance(
+    scene, references, columns, found, state, time_step, n_steps, integrator, forward_mode, rebuild_every=1, block=None
+):
+    """n_steps steps from a state. In blocks of `block` steps, each recomputed in reverse mode.
+
+    With fluids, neighbor lists are built every rebuild_every steps, of which n_steps and block are multiples.
+    """
     dt = jnp.asarray(time_step, scene.dtype)
 
-    def one_step(columns, number):
-        time = state.time + number.astype(scene.dtype) * dt
-        return integrator.step(scene, references, columns, time, dt, forward_mode=forward_mode), None
+    def time_of(number):
+        return state.time + number.astype(scene.dtype) * dt
 
-    if not forward_mode:
+    def one_step(carry, number, lists=None):
+        moved = integrator.step(scene, references, carry, lists, time_of(number), dt, forward_mode=forward_mode)
+        return moved, None
+
+    def checkpointed(function):
+        if forward_mode:
+            return function
         keep = jax.checkpoint_policies.save_only_these_names("displacement_gradient")
-        one_step = jax.checkpoint(one_step, policy=keep, prevent_cse=False)
-    numbers = jnp.arange(n_steps, dtype=jnp.int32)
-    if block_length is None or forward_mode:
-        columns, _ = jax.lax.scan(one_step, columns, numbers)
+        return jax.checkpoint(function, policy=keep, prevent_cse=False)
+
+    def between_builds(carry, numbers):
+        columns, health = carry
+        if scene.domain is not None:
+            for fluid in scene.fluids:
+                fields = columns[fluid.name]
+                columns = {**columns, fluid.name: {**fields, "position": scene.domain.wrap(fields["position"])}}
+        lists, _ = _lists(scene, references, columns, found, time_of(numbers[0]))
+        step = checkpointed(lambda carry, number, lists: one_step(carry, number, lists))
+        columns, _ = jax.lax.scan(lambda carry, number: step(carry, number, lists), columns, numbers)
+        placed = place_walls(scene, references, time_of(numbers[-1] + 1))
+        positions = positions_of(scene, columns, placed)
+        health = surroundings.note(health, lists, positions, state.step + numbers[-1] + 1)
+        return (columns, health), None
+
+    numbers, health = jnp.arange(n_steps, dtype=jnp.int32), state.health
+    if scene.fluids:
+        carry, once = (columns, health), between_builds
+        numbers = numbers.reshape(-1, rebuild_every)
+        block = None if block is None else max(1, block // rebuild_every)
     else:
-        blocks = n_steps // block_length
-        run_block = jax.checkpoint(lambda c, n: jax.lax.scan(one_step, c, n), prevent_cse=False)
-        columns, _ = jax.lax.scan(run_block, columns, numbers[: blocks * block_length].reshape(blocks, block_length))
-        if blocks * block_length < n_steps:
-            columns, _ = run_block(columns, numbers[blocks * block_length :])
+        carry, once = columns, checkpointed(one_step)
+    carry = _scan_in_blocks(once, carry, numbers, None if forward_mode else block)
+    columns, health = carry if scene.fluids else (carry, health)
     step = state.step + jnp.int32(n_steps)
     finite = all_finite(jax.lax.stop_gradient(columns))
-    health = state.health.note(~finite, NOT_FINITE, step)
+    health = health.note(~finite, NOT_FINITE, step)
     return columns, replace(state, time=state.time + dt * n_steps, step=step, health=health)
 
 
-_advance_compiled = jax.jit(_advance, static_argnames=("n_steps", "forward_mode", "block_length"))
+def _scan_in_blocks(once, carry, numbers, block):
+    """Scan over numbers; in blocks of which only the start is kept for reverse mode, if a block's length is given."""
+    if block is None:
+        return jax.lax.scan(once, carry, numbers)[0]
+    whole = len(numbers) // block * block
+    run_block = jax.checkpoint(lambda c, n: jax.lax.scan(once, c, n), prevent_cse=False)
+    carry, _ = jax.lax.scan(run_block, carry, numbers[:whole].reshape(-1, block, *numbers.shape[1:]))
+    if whole < len(numbers):
+        carry, _ = run_block(carry, numbers[whole:])
+    return carry
+
+
+_advance_compiled = jax.jit(_advance, static_argnames=("n_steps", "forward_mode", "rebuild_every", "block"))
 
 
 def _with_rows(state, columns, found):
     return replace(state, systems=to_rows(columns, found))
 
 
-@partial(jax.jit, static_argnames=("n_saves", "n_steps", "forward_mode", "memory_budget"))
-def _run_traced(scene, found, state, time_step, *, n_saves, n_steps, integrator, forward_mode, memory_budget):
+@partial(jax.jit, static_argnames=("n_saves", "n_steps", "forward_mode", "memory_budget", "rebuild_every"))
+def _run_traced(
+    scene, found, state, time_step, *, n_saves, n_steps, integrator, forward_mode, memory_budget, rebuild_every
+):
     references, columns = _begin(scene, found, state, forward_mode=forward_mode)
     first = _with_rows(state, columns, found)
     if isinstance(integrator, Diffrax):
@@ -189,6 +290,9 @@ def _run_traced(scene, found, state, time_step, *, n_saves, n_steps, integrator,
     dt = jnp.asarray(time_step, scene.dtype)
     state = replace(state, health=state.health.note(dt > limit, UNSTABLE, state.step, dt, limit))
     steps, kept = n_saves * n_steps, 2 * sum(leaf.nbytes for leaf in jax.tree.leaves(columns))
+    if scene.fluids:
+        lists = [found[f"{a}-{b}"] for a, b in surroundings.pairs_of(scene)]
+        kept += sum(leaf.nbytes for leaf in jax.tree.leaves(lists)) // rebuild_every
     block = None
     if steps * kept > memory_budget:
         block = min(n_steps, max(1, round(math.sqrt(steps))))
@@ -196,7 +300,7 @@ def _run_traced(scene, found, state, time_step, *, n_saves, n_steps, integrator,
     def to_next_save(carry, _):
         columns, state = carry
         columns, state = _advance(
-            scene, references, columns, state, time_step, n_steps, integrator, forward_mode, block_length=block
+            scene, references, columns, found, state, time_step, n_steps, integrator, forward_mode, rebuild_every, block
         )
         return (columns, state), _with_rows(state, columns, found)
 
@@ -205,23 +309,28 @@ def _run_traced(scene, found, state, time_step, *, n_saves, n_steps, integrator,
     return first, states
 
 
-def _solve(scene, references, columns, state, found, time_step, n_saves, n_steps, integrator, forward_mode):
+def _solve(
+    scene, references, columns, state, found, time_step, n_saves, n_steps, integrator, forward_mode, rebuild_every=1
+):
     dt = jnp.asarray(time_step, scene.dtype)
     times = state.time + dt * n_steps * jnp.arange(1, n_saves + 1, dtype=scene.dtype)
     saved, reached, steps = integrator.solve(
-        scene, references, columns, state.time, times, dt, forward_mode=forward_mode
+        scene, references, columns, found, state.time, times, dt, forward_mode=forward_mode
     )
     step = state.step + jnp.asarray(steps, jnp.int32)
 
     def at_save(columns, time):
         finite = all_finite(jax.lax.stop_gradient(columns))  # a solver that gave up leaves infinities
         health = state.health.note(~finite & ~reached, GAVE_UP, step).note(~finite, NOT_FINITE, step)
+        lists, placed = _lists(scene, references, columns, found, time)
+        if lists is not None:
+            health = surroundings.note(health, lists, positions_of(scene, columns, placed), step)
         return State(time, step, to_rows(columns, found), health)
 
     return jax.vmap(at_save)(saved, times)
 
 
-_solve_compiled = jax.jit(_solve, static_argnames=("n_saves", "n_steps", "forward_mode"))
+_solve_compiled = jax.jit(_solve, static_argnames=("n_saves", "n_steps", "forward_mode", "rebuild_every"))
 
 
 def _run(scene, found, state, time_step, n_saves, progress, out, options):
@@ -254,8 +363,29 @@ def _states(scene, references, columns, state, found, time_step, n_saves, option
         return
     state = replace(state, systems={})
     for _ in range(n_saves):
-        columns, state = _advance_compiled(scene, references, columns, state, time_step, **options)
+        columns, state, found, options = _to_next_save(scene, references, columns, state, found, time_step, options)
         yield jax.device_get(_with_rows(state, columns, found))
+
+
+def _to_next_save(scene, references, columns, state, found, time_step, options):
+    """One interval; again, with more room or more frequent builds, if the neighbor lists did not suffice."""
+    while True:
+        advanced, new = _advance_compiled(scene, references, columns, found, state, time_step, **options)
+        reason = int(new.health.reason) if scene.fluids else GOOD
+        if reason == BEYOND_SKIN and options["rebuild_every"] > 1:
+            options = {**options, "rebuild_every": options["rebuild_every"] // 2}
+        elif reason == OVERFLOW and np.isfinite(float(new.health.number)):
+            found = _with_room(scene, found)
+        else:
+            return advanced, new, found, options
+
+
+def _with_room(scene, found):
+    """Lists with a third more room than before."""
+    found = dict(found)
+    for a, b in surroundings.pairs_of(scene):
+        found[f"{a}-{b}"] = surroundings.enlarged(found[f"{a}-{b}"], 1.34)
+    return found
 
 
 def _writer(out, scene, found, time_step, n_saves, options):

@@ -8,8 +8,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsph.effects import DeltaDiffusion, ParticleShifting
+from jaxsph.fluid import Fluid
 from jaxsph.health import Health
 from jaxsph.pytree import pytree_dataclass
+from jaxsph.structure import Structure
+from jaxsph.walls import WallContinuity, WallSummation
 
 
 @pytree_dataclass
@@ -21,7 +25,10 @@ class State:
         step: number of steps taken.
         systems: by name of the system, its fields, particle first and in the user's order. A structure has
             `displacement` (N, d) [m], `velocity` (N, d) [m/s], `acceleration` (N, d) [m/s^2], and in float32
-            `remainder` (N, d) [m], what rounding left out of the displacement (see docs/formulation.md).
+            `remainder` (N, d) [m], what rounding left out of the displacement (see docs/formulation.md). A fluid has
+            `position`, `velocity`, `acceleration` (N, d) and `density_deviation` (N,), rho - rho_0 [kg/m^3]; with
+            `ParticleShifting` a `shift` (N, d) [m/s], with `DeltaDiffusion` a `density_gradient` (N, d). A wall has
+            `position` and `velocity` if it moves, `density_deviation` if its model integrates it, else nothing.
         health: what went wrong, if anything did.
 
     In a trajectory every array has a time axis in front.
@@ -38,16 +45,34 @@ def initial_state(scene) -> State:
 
     The acceleration is filled in by the first call of `simulate`; a kick-drift-kick step needs it.
     """
-    systems = {}
-    for structure in scene.systems:
-        shape = structure.particles.positions.shape
-        zero = jnp.zeros(shape, structure.dtype)
-        free = (~structure.clamped)[:, None]
-        velocity = jnp.where(free, jnp.broadcast_to(jnp.asarray(structure.velocity), shape), zero)
-        systems[structure.name] = {"displacement": zero, "velocity": velocity, "acceleration": zero}
-        if structure.dtype == np.float32:
-            systems[structure.name]["remainder"] = zero
+    systems = {system.name: _initial_fields(scene, system) for system in scene.systems}
     return State(jnp.zeros((), scene.dtype), jnp.zeros((), jnp.int32), systems, Health.good(scene.dtype))
+
+
+def _initial_fields(scene, system) -> dict:
+    shape, dtype = system.particles.positions.shape, system.dtype
+    zero = jnp.zeros(shape, dtype)
+    if isinstance(system, Structure):
+        free = (~system.clamped)[:, None]
+        velocity = jnp.where(free, jnp.broadcast_to(jnp.asarray(system.velocity), shape), zero)
+        fields = {"displacement": zero, "velocity": velocity, "acceleration": zero}
+        return fields | ({"remainder": zero} if dtype == np.float32 else {})
+    if isinstance(system, Fluid):
+        fields = {
+            "position": jnp.asarray(system.particles.positions),
+            "velocity": jnp.broadcast_to(jnp.asarray(system.velocity), shape),
+            "acceleration": zero,
+            "density_deviation": jnp.broadcast_to(jnp.asarray(system.initial_deviation(), dtype), shape[:1]),
+        }
+        extra = {"shift": ParticleShifting, "density_gradient": DeltaDiffusion}
+        return fields | {name: zero for name, kind in extra.items() if scene.effect(kind) is not None}
+    fields = {}
+    if system.motion is not None:
+        position, velocity, _ = system.placed(jnp.asarray(system.particles.positions).T, jnp.zeros((), dtype))
+        fields |= {"position": position.T, "velocity": velocity.T}
+    if isinstance(system.pressure, (WallContinuity, WallSummation)):
+        fields["density_deviation"] = jnp.zeros(shape[:1], dtype)
+    return fields
 
 
 def to_columns(systems: dict, topologies: dict) -> dict:

@@ -23,7 +23,7 @@ from jaxsph.geometry.shapes import Particles
 from jaxsph.kernels import Kernel, WendlandC2
 from jaxsph.materials.elastic import ElasticLaw, StVenantKirchhoff, lame_parameters
 from jaxsph.pair_sum import Edges, PairList, apply, dot, pair_edges, pair_sum
-from jaxsph.pytree import is_concrete, pytree_dataclass, replace, static
+from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, replace, static
 from jaxsph.tensors import inverse, multiply, transpose
 
 SMOOTHING_LENGTH = 0.87
@@ -72,7 +72,7 @@ class Structure:
         if not isinstance(self.name, str) or not self.name.isidentifier():
             raise ValueError(f"name {self.name!r} must be a word that can stand in 'name.youngs_modulus'")
         for name in ("density", "youngs_modulus", "poisson_ratio"):
-            object.__setattr__(self, name, _as_real(getattr(self, name), real))
+            object.__setattr__(self, name, as_real(getattr(self, name), real))
         clamped = self.clamped
         if callable(clamped):
             clamped = clamped(np.asarray(self.particles.positions))
@@ -81,9 +81,9 @@ class Structure:
             raise ValueError(f"clamped has shape {clamped.shape} and type {clamped.dtype}; it must be ({n},) booleans")
         object.__setattr__(self, "clamped", clamped)
         velocity = np.zeros(d) if self.velocity is None else self.velocity
-        object.__setattr__(self, "velocity", _as_real(velocity, real))
+        object.__setattr__(self, "velocity", as_real(velocity, real))
         h = SMOOTHING_LENGTH * self.particles.spacing if self.smoothing_length is None else self.smoothing_length
-        object.__setattr__(self, "smoothing_length", _as_real(h, real))
+        object.__setattr__(self, "smoothing_length", as_real(h, real))
         self.check()
 
     def check(self, prefix: str = "") -> None:
@@ -118,10 +118,6 @@ class Structure:
     def dtype(self):
         """Precision of the structure's arrays."""
         return self.particles.positions.dtype
-
-
-def _as_real(value, real):
-    return jnp.asarray(value, real) if not is_concrete(value) else np.asarray(value, real)
 
 
 @pytree_dataclass

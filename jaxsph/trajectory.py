@@ -43,7 +43,10 @@ class Trajectory:
 
     def positions(self, name: str):
         """Positions of the particles of a system, (T, N, d) [m]."""
-        return jnp.asarray(self.scene[name].particles.positions) + self[name]["displacement"]
+        fields, rest = self[name], jnp.asarray(self.scene[name].particles.positions)
+        if "displacement" in fields:
+            return rest + fields["displacement"]
+        return fields["position"] if "position" in fields else jnp.broadcast_to(rest, (len(self.times), *rest.shape))
 
     def probe(self, name: str, at) -> Probe:
         """Motion of the material point that is at a place (d,) [m] in the reference configuration.

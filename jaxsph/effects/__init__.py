@@ -1,6 +1,20 @@
 """What a scene may or may not call for, one file each. An effect that a scene does not list is not compiled."""
 
+from jaxsph.effects.artificial_viscosity import ArtificialViscosity
+from jaxsph.effects.body_force import BodyForce
 from jaxsph.effects.damping import Damping
+from jaxsph.effects.density_diffusion import DeltaDiffusion, DensityDiffusion
+from jaxsph.effects.flow_effect import FlowEffect
 from jaxsph.effects.penalty import PenaltyForce
+from jaxsph.effects.shifting import ParticleShifting
 
-__all__ = ["Damping", "PenaltyForce"]
+__all__ = [
+    "ArtificialViscosity",
+    "BodyForce",
+    "Damping",
+    "DeltaDiffusion",
+    "DensityDiffusion",
+    "FlowEffect",
+    "ParticleShifting",
+    "PenaltyForce",
+]

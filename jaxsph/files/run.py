@@ -16,7 +16,8 @@ from jaxsph.observe import stresses
 class RunWriter(TrajectoryWriter):
     """A `TrajectoryWriter` for the states of a scene: their fields, what follows from them, and the restart.
 
-    To the fields of each structure it adds `von_mises` (N,) and `cauchy_stress` (N, d, d) [Pa].
+    To the fields of each structure it adds `von_mises` (N,) and `cauchy_stress` (N, d, d) [Pa], to those of a fluid
+    `density` (N,) [kg/m^3] and `pressure` (N,) [Pa].
 
     Args:
         path: file to write, by convention `*.vtkhdf`.
@@ -37,7 +38,7 @@ class RunWriter(TrajectoryWriter):
         metadata: Mapping[str, Any] | None = None,
         saves: int | None = None,
     ) -> None:
-        systems = {structure.name: structure.particles.positions for structure in scene.systems}
+        systems = {system.name: system.particles.positions for system in scene.systems}
         super().__init__(path, systems, metadata={"scene": str(scene), **(metadata or {})}, scene=scene, saves=saves)
         self._scene = scene
         self._found = topologies(scene) if found is None else found
@@ -53,7 +54,13 @@ class RunWriter(TrajectoryWriter):
 @jax.jit
 def _derived(scene, state, found):
     out = {}
-    for structure in scene.systems:
+    for structure in scene.structures:
         of_structure = stresses(scene, state, structure.name, found)
         out[structure.name] = {"von_mises": of_structure["von_mises"], "cauchy_stress": of_structure["cauchy"]}
+    for fluid in scene.fluids:
+        deviation = state.systems[fluid.name]["density_deviation"]
+        out[fluid.name] = {
+            "density": fluid.density + deviation,
+            "pressure": fluid.state_equation.pressure(deviation, fluid.density, fluid.sound_speed),
+        }
     return out

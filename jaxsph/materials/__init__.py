@@ -8,5 +8,20 @@ from jaxsph.materials.elastic import (
     p_wave_speed,
     von_mises,
 )
+from jaxsph.materials.state_equation import Cole, LinearStateEquation, StateEquation
+from jaxsph.materials.viscosity import AdamiViscosity, MorrisViscosity, ViscosityLaw
 
-__all__ = ["ElasticLaw", "NeoHookean", "StVenantKirchhoff", "lame_parameters", "p_wave_speed", "von_mises"]
+__all__ = [
+    "AdamiViscosity",
+    "Cole",
+    "ElasticLaw",
+    "LinearStateEquation",
+    "MorrisViscosity",
+    "NeoHookean",
+    "StVenantKirchhoff",
+    "StateEquation",
+    "ViscosityLaw",
+    "lame_parameters",
+    "p_wave_speed",
+    "von_mises",
+]

@@ -1,0 +1,23 @@
+"""Forces from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from jaxsph.effects.flow_effect import FlowEffect
+from jaxsph.pytree import pytree_dataclass, static
+
+
+@pytree_dataclass
+class BodyForce(FlowEffect):
+    """A force per mass given as a function of place and time, on every system.
+
+    Attributes:
+        function: acceleration(x (d, N) [m], t [s]) -> (d, N) or (d, 1) [m/s^2], written with jax.numpy.
+    """
+
+    function: Callable = static()
+
+    def acceleration(self, positions, time):
+        """[m/s^2]."""
+        return self.function(positions, time)

@@ -1,0 +1,24 @@
+"""What an effect on fluids looks like."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+
+class FlowEffect:
+    """An effect on fluids: what it adds to the sums over pairs. All effects share one pass over the pairs.
+
+    A subclass states what it takes part in by overriding methods; what it does not override is not compiled.
+    """
+
+    with_walls: ClassVar[bool] = True
+    """Whether it acts between fluid and wall particles too."""
+
+    density_flux = None
+    """density_flux(a, b, pair): what flows into a, times the volume of a, [kg/s]; antisymmetric in a and b."""
+
+    force = None
+    """force(a, b, pair): force on a from b [N, in 2D per meter], (d,); antisymmetric in a and b."""
+
+    acceleration = None
+    """acceleration(positions (d, N), time): force per mass from outside [m/s^2], (d, N)."""

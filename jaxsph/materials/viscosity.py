@@ -1,0 +1,50 @@
+"""Laws of viscosity: the shear force between two particles of a Newtonian fluid."""
+
+from __future__ import annotations
+
+from jaxsph.pytree import pytree_dataclass
+
+
+class ViscosityLaw:
+    """The force of a pair by viscosity.
+
+    The published laws have x . grad W / (x^2 + .01 h^2), whose second term weakens the viscosity by .7 % at h = dx. Here
+    grad W = F x with a finite F, so nothing need be added to x^2.
+    """
+
+    def force(self, a, b, pair):
+        """Force on a from b [N, in 2D per meter], (d,).
+
+        Args:
+            a, b: fields `velocity` (d,) [m/s], `volume` [m^d], `viscosity` [Pa s].
+            pair: geometry of the pair, see `jaxsph.flow.Pair`.
+        """
+        raise NotImplementedError
+
+
+@pytree_dataclass
+class MorrisViscosity(ViscosityLaw):
+    """V_a V_b (mu_a + mu_b) F_ab v_ab, where grad W = F_ab x_ab.
+
+    J. P. Morris, P. J. Fox, Y. Zhu (1997), J. Comput. Phys. 136, 214, eq. (22). Conserves linear momentum.
+    """
+
+    def force(self, a, b, pair):
+        """[N]."""
+        strength = a["volume"] * b["volume"] * (a["viscosity"] + b["viscosity"]) * pair.slope
+        return strength * (a["velocity"] - b["velocity"])
+
+
+@pytree_dataclass
+class AdamiViscosity(ViscosityLaw):
+    """(V_a^2 + V_b^2) 2 mu_a mu_b / (mu_a + mu_b) F_ab v_ab, where grad W = F_ab x_ab.
+
+    S. Adami, X. Y. Hu, N. A. Adams (2012), J. Comput. Phys. 231, 7057, eq. (14): the harmonic mean lets shear stress be
+    continuous between fluids of different viscosity.
+    """
+
+    def force(self, a, b, pair):
+        """[N]."""
+        mean = 2 * a["viscosity"] * b["viscosity"] / (a["viscosity"] + b["viscosity"])
+        volumes = a["volume"] ** 2 + b["volume"] ** 2
+        return volumes * mean * pair.slope * (a["velocity"] - b["velocity"])
