@@ -5,8 +5,8 @@ from jaxsph.versions import __version__, check_jax_version
 check_jax_version()
 
 from jaxsph import observe, scenes  # noqa: E402
-from jaxsph.dynamics import stable_time_step, topologies  # noqa: E402
 from jaxsph.density import ContinuityDensity, SummationDensity  # noqa: E402
+from jaxsph.dynamics import stable_time_step, topologies  # noqa: E402
 from jaxsph.effects import (  # noqa: E402
     ArtificialViscosity,
     BodyForce,

@@ -93,7 +93,9 @@ def positions_of(scene, columns, placed) -> dict:
     return positions | {name: place[0] for name, place in placed.items()}
 
 
-def accelerations(scene, references, columns: dict, time, lists=None, placed=None, *, forward_mode: bool = False) -> dict:
+def accelerations(
+    scene, references, columns: dict, time, lists=None, placed=None, *, forward_mode: bool = False
+) -> dict:
     """By structure and fluid what a step needs: `acceleration` (d, N) [m/s^2], and what effects remember.
 
     Zero for clamped particles.

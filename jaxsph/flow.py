@@ -130,27 +130,27 @@ def density_rates(scene, references, columns, placed, lists, *, forward_mode=Fal
         for other, neighbors in partners(scene, fluid, lists):
             same, wall = other is fluid, not isinstance(other, Fluid)
             if wall:
-                senders = _wall_at_rest(fluid, other, references, columns, placed, shifting)
+                senders = _wall_at_rest(fluid, other, references, placed)
             else:
                 senders = own if same else fluid_fields(other, references[other.name], columns[other.name])
             active = [effect for effect in effects if effect.with_walls or not wall]
 
-            def of_pair(a, b, pair, active=active, shifting=shifting):
-                moving = a["velocity"] - b["velocity"]
-                out = {}
-                if shifting is not None:
-                    moving = moving + a["shift"] - b["shift"]
-                out["divergence"] = scene.density.divergence(a, b, dot(moving, pair.gradient))
+            carry = shifting is not None and same
+
+            def of_pair(a, b, pair, active=active, carry=carry):
+                moving = dot(a["velocity"] - b["velocity"], pair.gradient)
+                out = {"divergence": scene.density.divergence(a, b, moving)}
+                if carry:
+                    out["carried"] = shifting.carried(a, b, b["density"] - a["density"], pair)
                 fluxes = [effect.density_flux(a, b, pair) for effect in active]
-                if shifting is not None:
-                    fluxes.append(shifting.density_flux(a, b, pair))
                 return out | ({"flux": sum(fluxes)} if fluxes else {})
 
             symmetry = None
             if same:
-                symmetry = {"divergence": 1} | ({"flux": -1} if active or shifting is not None else {})
+                symmetry = {"divergence": 1} | ({"flux": -1} if active else {}) | ({"carried": 1} if carry else {})
             total = _over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode)
-            divergence, flux = divergence + total["divergence"], flux + total.get("flux", 0.0)
+            divergence = divergence + total["divergence"]
+            flux = flux + total.get("flux", 0.0) + total.get("carried", 0.0)
         volume = own["mass"] / own["density"]
         rates[fluid.name] = scene.density.of_divergence(divergence, own["density"], volume) + flux / volume
     for wall in scene.walls:
@@ -159,24 +159,51 @@ def density_rates(scene, references, columns, placed, lists, *, forward_mode=Fal
     return rates
 
 
-def _wall_at_rest(fluid, wall, references, columns, placed, shifting):
-    """A wall as a fluid meets it in the density's rate: with its own velocity and the rest density."""
+def keep_volume(scene, references, columns) -> dict:
+    """Columns with densities such that all fluids together fill the volume that they filled at the start.
+
+    Only where `ParticleShifting` is told that there is no free surface. Shifted particles do not follow the flow, so
+    that the sum of their volumes m / rho drifts; in a closed domain the pressure then sinks until the fluid tears.
+    """
+    shifting = scene.effect(ParticleShifting)
+    if shifting is None or shifting.free_surface:
+        return columns
+    now = start = 0.0
+    for fluid in scene.fluids:
+        density = fluid.density + columns[fluid.name]["density_deviation"]
+        now = now + jnp.sum(jnp.broadcast_to(references[fluid.name].mass, density.shape) / density)
+        start = start + jnp.sum(jnp.asarray(fluid.particles.volumes))
+    excess = now / start - 1
+    out = dict(columns)
+    for fluid in scene.fluids:
+        deviation = columns[fluid.name]["density_deviation"]
+        out[fluid.name] = {
+            **columns[fluid.name],
+            "density_deviation": deviation + (fluid.density + deviation) * excess,
+        }
+    return out
+
+
+def _wall_at_rest(fluid, wall, references, placed):
+    """A wall as a fluid meets it in the density's rate: with its own velocity and the rest density.
+
+    A sliding surface does not move the wall: its velocity would let a corner breathe.
+    """
     position, velocity, _ = placed[wall.name]
+    velocity = velocity if wall.motion is not None else jnp.zeros_like(velocity)
     fields = {"position": position, "velocity": velocity}
     volume = references[wall.name].volume
     fields["mass"] = fluid.density * volume
     fields["density"] = fluid.density
     if jnp.ndim(volume):
         fields["density"] = jnp.broadcast_to(fluid.density, volume.shape)
-    if shifting is not None:
-        fields["shift"] = jnp.zeros_like(velocity)
     return fields
 
 
 def _wall_rate(scene, wall, references, columns, placed, lists, forward_mode):
     total = 0.0
     for fluid in scene.fluids:
-        own = _wall_at_rest(fluid, wall, references, columns, placed, None)
+        own = _wall_at_rest(fluid, wall, references, placed)
         senders = fluid_fields(fluid, references[fluid.name], columns[fluid.name])
         neighbors = lists[f"{fluid.name}-{wall.name}"].transposed()
 
@@ -201,7 +228,7 @@ def summed_deviations(scene, references, columns, placed, lists, *, forward_mode
             if isinstance(other, Fluid):
                 senders = own if other is fluid else fluid_fields(other, references[other.name], columns[other.name])
             else:
-                senders = _wall_at_rest(fluid, other, references, columns, placed, None)
+                senders = _wall_at_rest(fluid, other, references, placed)
             total = total + _over_pairs(
                 scene, fluid, lambda a, b, pair: b["mass"] * pair.value, own, senders, neighbors, None, forward_mode
             )
@@ -210,7 +237,7 @@ def summed_deviations(scene, references, columns, placed, lists, *, forward_mode
         if isinstance(wall.pressure, WallSummation):
             # One fluid gives the wall its rest density; more than one would leave it undefined.
             fluid = scene.fluids[0]
-            own = _wall_at_rest(fluid, wall, references, columns, placed, None)
+            own = _wall_at_rest(fluid, wall, references, placed)
             total = own["mass"] * at_zero + _over_pairs(
                 scene, fluid, lambda a, b, pair: b["mass"] * pair.value, own, own, lists[f"{wall.name}-{wall.name}"]
             )
@@ -239,7 +266,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
         for other, neighbors in partners(scene, fluid, lists):
             same, wall = other is fluid, not isinstance(other, Fluid)
             if wall:
-                senders = _wall_in_forces(fluid, other, references, placed, walls[other.name], shifting)
+                senders = _wall_in_forces(fluid, other, references, placed, walls[other.name])
             elif same:
                 senders = own
             else:
@@ -253,15 +280,19 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                 if wall and "pressure" not in b:
                     b = {**b, "pressure": other.pressure.of_pair(a["pressure"])}
                 force = scene.density.pressure_force(a, b, pair.gradient)
+                seen = b["velocity"]
                 if viscous:
-                    b_viscous = {**b, "velocity": b["slip"], "viscosity": a["viscosity"]} if wall else b
-                    force = force + fluid.viscosity_law.force(a, b_viscous, pair)
+                    if wall:
+                        seen = b["slip"]
+                    sticking = {**b, "velocity": seen, "viscosity": b.get("viscosity", a["viscosity"])}
+                    force = force + fluid.viscosity_law.force(a, sticking, pair)
                 for effect in active:
                     force = force + effect.force(a, b, pair)
                 sums = {"force": force}
                 if shifting is not None:
-                    sums["force"] = sums["force"] + shifting.force(a, b, pair)
-                    sums["mass_flux"] = shifting.density_flux(a, b, pair)
+                    if wall:
+                        b = {**b, "shift": a["shift"]}
+                    sums["carried"] = shifting.carried(a, b, seen - a["velocity"], pair)
                     sums["crowding"] = shifting.crowding(a, b, pair)
                 if shifting is not None and shifting.free_surface:
                     volumes = a["volume"] * b["volume"]
@@ -277,7 +308,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
             if same:
                 symmetry = {"force": -1}
                 if shifting is not None:
-                    symmetry |= {"mass_flux": -1, "crowding": -1}
+                    symmetry |= {"carried": 1, "crowding": -1}
                     symmetry |= {"cover": 1, "normal": -1} if shifting.free_surface else {}
                 symmetry |= {"moment": 1, "density_gradient": 1} if delta is not None else {}
             part = _over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode)
@@ -289,10 +320,9 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
 def _finish(scene, fluid, own, totals, outside, shifting, delta, time):
     """From the sums to what the step needs."""
     volume = own["mass"] / own["density"]
-    force = totals["force"]
+    acceleration = totals["force"] / own["mass"] + jnp.asarray(scene.gravity)[:, None]
     if shifting is not None:
-        force = force - own["velocity"] * totals["mass_flux"]
-    acceleration = force / own["mass"] + jnp.asarray(scene.gravity)[:, None]
+        acceleration = acceleration + totals["carried"] / volume
     for effect in outside:
         acceleration = acceleration + effect.acceleration(own["position"], time)
     done = {"acceleration": acceleration}
@@ -316,9 +346,7 @@ def corrected(moment, uncorrected):
     size = sum(moment[i, i] for i in range(d)) / d
     scaled = moment / jnp.where(size > 0, size, 1.0)
     identity = jnp.eye(d, dtype=moment.dtype)[:, :, None]
-    determinant = (
-        scaled[0, 0] * scaled[1, 1] - scaled[0, 1] * scaled[1, 0] if d == 2 else _determinant_3d(scaled)
-    )
+    determinant = scaled[0, 0] * scaled[1, 1] - scaled[0, 1] * scaled[1, 0] if d == 2 else _determinant_3d(scaled)
     good = (size > 0) & (determinant > 0.05)
     safe = jnp.where(good, scaled, identity)
     raw = uncorrected / jnp.where(size > 0, size, 1.0)
@@ -333,7 +361,7 @@ def _determinant_3d(m):
     )
 
 
-def _wall_in_forces(fluid, wall, references, placed, state, shifting):
+def _wall_in_forces(fluid, wall, references, placed, state):
     """A wall as a fluid meets it in the forces."""
     position, velocity, _ = placed[wall.name]
     volume = references[wall.name].volume
@@ -347,8 +375,6 @@ def _wall_in_forces(fluid, wall, references, placed, state, shifting):
         fields["density"] = jnp.broadcast_to(fluid.density, volume.shape)
     if fluid.viscosity is not None and wall.no_slip:
         fields["slip"] = state["slip"]
-    if shifting is not None:
-        fields["shift"] = jnp.zeros_like(velocity)
     return fields
 
 
@@ -384,9 +410,7 @@ def wall_states(scene, references, columns, placed, pressures, lists, *, forward
                 weight = weight + part["weight"]
                 total, moving = total + part.get("pressure", 0.0), moving + part.get("velocity", 0.0)
             # Where nothing is near there is nothing to extrapolate.
-            near = weight > 1e-3 * scene.kernel.w(
-                jnp.zeros(scene.dimension, scene.dtype), scene.smoothing_length
-            )
+            near = weight > 1e-3 * scene.kernel.w(jnp.zeros(scene.dimension, scene.dtype), scene.smoothing_length)
             safe = jnp.where(near, weight, 1.0)
             if model.extrapolates:
                 state["pressure"] = jnp.where(near, total / safe, 0.0)
@@ -400,4 +424,3 @@ def wall_states(scene, references, columns, placed, pressures, lists, *, forward
             state["pressure"] = jnp.where(state["pressure"] > 0, state["pressure"], 0.0)
         out[wall.name] = state
     return out
-

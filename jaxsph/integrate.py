@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from jaxsph import checks
 from jaxsph.dynamics import accelerations, constrain, place_walls, positions_of
-from jaxsph.flow import density_rates, summed_deviations
+from jaxsph.flow import density_rates, keep_volume, summed_deviations
 from jaxsph.pytree import pytree_dataclass, static
 from jaxsph.surroundings import rebuild
 from jaxsph.walls import WallSummation
@@ -59,6 +59,7 @@ def _flow(scene, references, columns, lists, time, time_step, placed, forward_mo
         for name, rate in rates.items():
             deviation = moved[name]["density_deviation"] + time_step * rate
             moved[name] = {**moved[name], "density_deviation": deviation}
+        moved = keep_volume(scene, references, moved)
     for fluid in scene.fluids:
         fields = moved[fluid.name]
         moved[fluid.name] = {**fields, "position": fields["position"] + half * _path(fields)}

@@ -17,7 +17,6 @@ from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, static
 from jaxsph.structure import Structure
 from jaxsph.walls import Wall
 
-
 SMOOTHING_LENGTH = 1.5
 """Smoothing length of the fluids in particle spacings, if none is given."""
 
@@ -203,7 +202,9 @@ def _check_effects(effects, systems):
             raise ValueError(f"{effect!r} is not an effect; see jaxsph.effects for those that are")
         wanted = Structure if isinstance(effect, (PenaltyForce, Damping)) else Fluid
         if not any(isinstance(system, wanted) for system in systems) and not isinstance(effect, BodyForce):
-            raise ValueError(f"{type(effect).__name__} acts on a {wanted.__name__}, and the scene has none; leave it out")
+            raise ValueError(
+                f"{type(effect).__name__} acts on a {wanted.__name__}, and the scene has none; leave it out"
+            )
     kinds = [type(effect) for effect in effects if not isinstance(effect, BodyForce)]
     if len(set(kinds)) != len(kinds):
         raise ValueError(f"an effect can be listed once: {[kind.__name__ for kind in kinds]}")

@@ -161,7 +161,9 @@ class Wall:
         if not isinstance(self.name, str) or not self.name.isidentifier():
             raise ValueError(f"name {self.name!r} must be a word that can stand in 'name.velocity'")
         if not isinstance(self.pressure, WallPressure):
-            raise ValueError(f"{self.name}.pressure is {self.pressure!r}; it must be a model such as AdamiExtrapolation()")
+            raise ValueError(
+                f"{self.name}.pressure is {self.pressure!r}; it must be a model such as AdamiExtrapolation()"
+            )
         if self.motion is not None and self.velocity is not None:
             raise ValueError(f"{self.name} has both a motion and a velocity; a moving wall's velocity is its motion's")
         if self.velocity is not None:

@@ -13,7 +13,7 @@ from jaxsph.pytree import pytree_dataclass, static
 
 @pytree_dataclass
 class ParticleShifting:
-    """Particles move with v + dv, where dv points away from where they crowd; mass and momentum are carried along.
+    """Particles move with v + dv, where dv points away from where they crowd.
 
         dv_a = -strength speed H sum_b (1 + .2 (W_ab / W(dx))^4) V_b grad W,      |dv| <= speed / 2,
 
@@ -65,16 +65,10 @@ class ParticleShifting:
         over = squared > limit**2
         return shift * (limit / jnp.sqrt(jnp.where(over, squared, limit**2)))
 
-    def density_flux(self, a, b, pair):
-        """div(rho dv), times the volume of a [kg/s]; antisymmetric."""
-        carried = a["density"] * a["shift"] + b["density"] * b["shift"]
-        return a["volume"] * b["volume"] * dot(carried, pair.gradient)
-
-    def force(self, a, b, pair):
-        """div(rho v dv), times the volume of a [N]; antisymmetric."""
-        there = a["density"] * a["velocity"] * dot(a["shift"], pair.gradient)
-        here = b["density"] * b["velocity"] * dot(b["shift"], pair.gradient)
-        return a["volume"] * b["volume"] * (there + here)
+    def carried(self, a, b, difference, pair):
+        """dv . grad of a field, times the volume of a, from its difference between b and a; symmetric."""
+        along = dot(a["shift"] + b["shift"], pair.gradient)
+        return 0.5 * a["volume"] * b["volume"] * along * difference
 
 
 def _rise(value, start, end):

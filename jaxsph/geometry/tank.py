@@ -10,7 +10,6 @@ import numpy as np
 from jaxsph.geometry.shapes import Particles, box, check_spacing
 
 
-
 def tank(corner, size, spacing: float, layers: int = 3, *, sides: Sequence[str] | None = None, dtype=None) -> Particles:
     """Layers of wall particles around a box, outside of it; cell-centered, so that the wall is half a spacing off.
 
@@ -31,7 +30,9 @@ def tank(corner, size, spacing: float, layers: int = 3, *, sides: Sequence[str] 
     d = len(size)
     if layers < 1:
         raise ValueError(f"layers = {layers} must be at least 1")
-    names = (("left", "right"), ("bottom", "top")) if d == 2 else (("left", "right"), ("front", "back"), ("bottom", "top"))
+    names = (
+        (("left", "right"), ("bottom", "top")) if d == 2 else (("left", "right"), ("front", "back"), ("bottom", "top"))
+    )
     known = [name for pair in names for name in pair]
     sides = [name for name in known if name != "top"] if sides is None else list(sides)
     for name in sides:
