@@ -134,10 +134,11 @@ def peak(scene, found, dt, n_steps):
     """Largest displacement in n steps, from velocities at random."""
     references = prepare(scene, found)
     columns = to_columns(sph.initial_state(scene).systems, found)
-    columns = {k: {**f, "acceleration": accelerations(scene, references, columns)[k]} for k, f in columns.items()}
+    rates = accelerations(scene, references, columns, 0.0)
+    columns = {name: {**fields, **rates[name]} for name, fields in columns.items()}
 
     def step(columns, _):
-        moved = sph.KickDriftKick().step(scene, references, columns, 0.0, dt, forward_mode=True)
+        moved = sph.KickDriftKick().step(scene, references, columns, None, 0.0, dt, forward_mode=True)
         return moved, jnp.max(jnp.abs(moved["block"]["displacement"]))
 
     return jnp.max(jax.lax.scan(step, columns, length=n_steps)[1])

@@ -82,7 +82,7 @@ def test_a_scene_is_a_pytree_of_its_numbers():
 
 def test_it_says_what_is_in_it():
     said = str(scene())
-    for words in ("2D, float64", "plate: 9 particles (0 clamped)", "E 1e+06 Pa", "(0, -9.81) m/s^2", "PenaltyForce"):
+    for words in ("2D, float64", "plate: 9 particles, spacing 0.1 m, 0 clamped", "E 1e+06 Pa", "(0, -9.81) m/s^2", "PenaltyForce"):
         assert words in said
 
 
@@ -90,7 +90,7 @@ def test_it_says_what_is_in_it():
     ("make", "said"),
     [
         (lambda: sph.Scene(), "at least one system"),
-        (lambda: sph.Scene("plate"), "made of structures, not of str"),
+        (lambda: sph.Scene("plate"), "made of fluids, walls and structures, not of str"),
         (lambda: sph.Scene(plate(), plate()), r"same name: \['plate', 'plate'\]"),
         (lambda: sph.Scene(plate(), plate("b", 3)), "one dimension and one precision"),
         (lambda: sph.Scene(plate(), plate("b", kind=np.float32)), "one dimension and one precision"),
