@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
@@ -21,7 +21,7 @@ class ArtificialViscosity(FlowEffect):
     with the mean density rho. J. J. Monaghan (1992), Annu. Rev. Astron. Astrophys. 30, 543, eq. (4.1). Acts like a
     kinematic viscosity of about alpha h c / 8 in 2D, / 10 in 3D (half of it, since only approaching pairs count).
     Continuous but not differentiable where pairs turn from approaching to receding: there a gradient is one of the two
-    one-sided ones.
+    one-sided ones. It does not act between fluid and walls, where it would be a drag along the wall.
 
     Attributes:
         alpha: .01 to .1 are common.
@@ -30,6 +30,7 @@ class ArtificialViscosity(FlowEffect):
 
     alpha: Any = 0.02
     beta: Any = 0.0
+    with_walls: ClassVar[bool] = False
 
     def __post_init__(self):
         check_at_least("ArtificialViscosity.alpha", self.alpha, 0.0, "no unit")
