@@ -15,6 +15,7 @@ from jaxsph.effects import (  # noqa: E402
     DensityDiffusion,
     ParticleShifting,
     PenaltyForce,
+    TensileControl,
 )
 from jaxsph.errors import (  # noqa: E402
     NeighborOverflow,
@@ -100,6 +101,7 @@ __all__ = [
     "State",
     "Structure",
     "SummationDensity",
+    "TensileControl",
     "Trajectory",
     "UnstableTimeStep",
     "Wall",

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 
-from jaxsph.effects import DeltaDiffusion, ParticleShifting
+from jaxsph.effects import DeltaDiffusion, ParticleShifting, TensileControl
 from jaxsph.fluid import Fluid
 from jaxsph.pair_sum import dot, pair_sum
 from jaxsph.pytree import pytree_dataclass
@@ -58,7 +58,7 @@ def fluid_fields(fluid: Fluid, reference: FluidReference, columns: dict) -> dict
     density = fluid.density + columns["density_deviation"]
     fields = {"position": columns["position"], "velocity": columns["velocity"], "density": density}
     fields["mass"] = reference.mass
-    for name in ("shift", "density_gradient"):
+    for name in ("shift", "density_gradient", "cover"):
         if name in columns:
             fields[name] = columns[name]
     if fluid.viscosity is not None:
@@ -255,6 +255,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
     effects = [effect for effect in scene.flow_effects if effect.force is not None]
     outside = [effect for effect in scene.flow_effects if effect.acceleration is not None]
     shifting, delta = scene.effect(ParticleShifting), scene.effect(DeltaDiffusion)
+    covered = (shifting is not None and shifting.free_surface) or scene.effect(TensileControl) is not None
     pressures = {fluid.name: pressure(fluid, columns[fluid.name]) for fluid in scene.fluids}
     walls = wall_states(scene, references, columns, placed, pressures, lists, forward_mode=forward_mode)
     out = {}
@@ -294,7 +295,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                         b = {**b, "shift": a["shift"]}
                     sums["carried"] = shifting.carried(a, b, seen - a["velocity"], pair)
                     sums["crowding"] = shifting.crowding(a, b, pair)
-                if shifting is not None and shifting.free_surface:
+                if covered:
                     volumes = a["volume"] * b["volume"]
                     sums["cover"] = -volumes * dot(pair.offset, pair.gradient) / scene.dimension
                     sums["normal"] = volumes * pair.gradient
@@ -309,8 +310,9 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                 symmetry = {"force": -1}
                 if shifting is not None:
                     symmetry |= {"carried": 1, "crowding": -1}
-                    symmetry |= {"cover": 1, "normal": -1} if shifting.free_surface else {}
+                symmetry |= {"cover": 1, "normal": -1} if covered else {}
                 symmetry |= {"moment": 1, "density_gradient": 1} if delta is not None else {}
+                symmetry = symmetry if all(effect.symmetric for effect in active) else None
             part = _over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode)
             totals = {name: totals.get(name, 0.0) + part.get(name, 0.0) for name in {**totals, **part}}
         out[fluid.name] = _finish(scene, fluid, own, totals, outside, shifting, delta, time)
@@ -335,6 +337,8 @@ def _finish(scene, fluid, own, totals, outside, shifting, delta, time):
             cover=totals["cover"] / volume if shifting.free_surface else None,
             normal=totals["normal"] if shifting.free_surface else None,
         )
+    if scene.effect(TensileControl) is not None:
+        done["cover"] = totals["cover"] / volume
     if delta is not None:
         done["density_gradient"] = corrected(totals["moment"], totals["density_gradient"])
     return done

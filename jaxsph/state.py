@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.effects import DeltaDiffusion, ParticleShifting
+from jaxsph.effects import DeltaDiffusion, ParticleShifting, TensileControl
 from jaxsph.fluid import Fluid
 from jaxsph.health import Health
 from jaxsph.pytree import pytree_dataclass
@@ -27,7 +27,8 @@ class State:
             `displacement` (N, d) [m], `velocity` (N, d) [m/s], `acceleration` (N, d) [m/s^2], and in float32
             `remainder` (N, d) [m], what rounding left out of the displacement (see docs/formulation.md). A fluid has
             `position`, `velocity`, `acceleration` (N, d) and `density_deviation` (N,), rho - rho_0 [kg/m^3]; with
-            `ParticleShifting` a `shift` (N, d) [m/s], with `DeltaDiffusion` a `density_gradient` (N, d). A wall has
+            `ParticleShifting` a `shift` (N, d) [m/s], with `DeltaDiffusion` a `density_gradient` (N, d), with
+            `TensileControl` a `cover` (N,). A wall has
             `position` and `velocity` if it moves, `density_deviation` if its model integrates it, else nothing.
         health: what went wrong, if anything did.
 
@@ -64,8 +65,9 @@ def _initial_fields(scene, system) -> dict:
             "acceleration": zero,
             "density_deviation": jnp.broadcast_to(jnp.asarray(system.initial_deviation(), dtype), shape[:1]),
         }
-        extra = {"shift": ParticleShifting, "density_gradient": DeltaDiffusion}
-        return fields | {name: zero for name, kind in extra.items() if scene.effect(kind) is not None}
+        extra = {"shift": (ParticleShifting, zero), "density_gradient": (DeltaDiffusion, zero)}
+        extra["cover"] = (TensileControl, jnp.zeros(shape[:1], dtype))
+        return fields | {name: blank for name, (kind, blank) in extra.items() if scene.effect(kind) is not None}
     fields = {}
     if system.motion is not None:
         position, velocity, _ = system.placed(jnp.asarray(system.particles.positions).T, jnp.zeros((), dtype))

@@ -7,6 +7,7 @@ from jaxsph.effects.density_diffusion import DeltaDiffusion, DensityDiffusion
 from jaxsph.effects.flow_effect import FlowEffect
 from jaxsph.effects.penalty import PenaltyForce
 from jaxsph.effects.shifting import ParticleShifting
+from jaxsph.effects.tensile_control import TensileControl
 
 __all__ = [
     "ArtificialViscosity",
@@ -17,4 +18,5 @@ __all__ = [
     "FlowEffect",
     "ParticleShifting",
     "PenaltyForce",
+    "TensileControl",
 ]

@@ -14,6 +14,9 @@ class FlowEffect:
     with_walls: ClassVar[bool] = True
     """Whether it acts between fluid and wall particles too."""
 
+    symmetric: ClassVar[bool] = True
+    """Whether its force is antisymmetric in a and b. If one effect's is not, gradients of a run cost more."""
+
     density_flux = None
     """density_flux(a, b, pair): what flows into a, times the volume of a, [kg/s]; antisymmetric in a and b."""
 

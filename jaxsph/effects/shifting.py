@@ -7,6 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxsph.checks import check_at_least, check_positive
+from jaxsph.effects.tensile_control import smooth_rise
 from jaxsph.pair_sum import dot
 from jaxsph.pytree import pytree_dataclass, static
 
@@ -60,7 +61,7 @@ class ParticleShifting:
         if self.free_surface:
             squared = jnp.sum(normal**2, axis=0)
             along = jnp.sum(shift * normal, axis=0) / jnp.where(squared > 0, squared, 1.0) * normal
-            shift = _rise(cover, 0.4, 0.6) * (shift - (1 - _rise(cover, 0.75, 0.95)) * along)
+            shift = smooth_rise(cover, 0.4, 0.6) * (shift - (1 - smooth_rise(cover, 0.75, 0.95)) * along)
         squared, limit = jnp.sum(shift**2, axis=0), 0.5 * speed
         over = squared > limit**2
         return shift * (limit / jnp.sqrt(jnp.where(over, squared, limit**2)))
@@ -69,9 +70,3 @@ class ParticleShifting:
         """dv . grad of a field, times the volume of a, from its difference between b and a; symmetric."""
         along = dot(a["shift"] + b["shift"], pair.gradient)
         return 0.5 * a["volume"] * b["volume"] * along * difference
-
-
-def _rise(value, start, end):
-    """0 below start, 1 above end, smooth between."""
-    x = jnp.clip((value - start) / (end - start), 0.0, 1.0)
-    return x * x * (3 - 2 * x)

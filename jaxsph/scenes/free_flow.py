@@ -36,9 +36,9 @@ def oscillating_drop(
     rate: float = 0.5,
     frequency: float = 1.0,
     density: float = 1000.0,
-    sound_speed: float = 10.0,
+    sound_speed: float = 15.0,
     effects: Sequence | None = None,
-    smoothing: float = 2.0,
+    smoothing: float = 1.7,
     dtype=None,
 ) -> Scene:
     """A drop in the force field -frequency^2 x, which stretches along x and y in turn; an ellipse at all times.
