@@ -27,7 +27,7 @@ class Fluid:
         pressure: initial pressure (N,) [Pa], or a function of positions; None is zero. The density follows from
             the equation of state, and the mass of a particle is that density times its volume.
         state_equation: `LinearStateEquation()` or `Cole(exponent)`.
-        viscosity_law: `MorrisViscosity()` or `AdamiViscosity()`.
+        viscosity_law: `MorrisViscosity()`, `AdamiViscosity()`, or `MonaghanViscosity()` for flows with a free surface.
 
     Raises:
         ValueError: a value out of its range, with the limit; a shape that does not fit.

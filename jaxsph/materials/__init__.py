@@ -9,13 +9,14 @@ from jaxsph.materials.elastic import (
     von_mises,
 )
 from jaxsph.materials.state_equation import Cole, LinearStateEquation, StateEquation
-from jaxsph.materials.viscosity import AdamiViscosity, MorrisViscosity, ViscosityLaw
+from jaxsph.materials.viscosity import AdamiViscosity, MonaghanViscosity, MorrisViscosity, ViscosityLaw
 
 __all__ = [
     "AdamiViscosity",
     "Cole",
     "ElasticLaw",
     "LinearStateEquation",
+    "MonaghanViscosity",
     "MorrisViscosity",
     "NeoHookean",
     "StVenantKirchhoff",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import jax.numpy as jnp
+
 from jaxsph.pytree import pytree_dataclass
 
 
@@ -48,3 +50,21 @@ class AdamiViscosity(ViscosityLaw):
         mean = 2 * a["viscosity"] * b["viscosity"] / (a["viscosity"] + b["viscosity"])
         volumes = a["volume"] ** 2 + b["volume"] ** 2
         return volumes * mean * pair.slope * (a["velocity"] - b["velocity"])
+
+
+@pytree_dataclass
+class MonaghanViscosity(ViscosityLaw):
+    """(d + 2) V_a V_b (mu_a + mu_b) (v_ab . x_ab) / x_ab^2 grad W: along the line between the particles.
+
+    J. J. Monaghan, R. A. Gingold (1983), J. Comput. Phys. 52, 374, without their switch; the factor is that of
+    A. Colagrossi, M. Antuono, A. Souto-Iglesias, D. Le Touze (2011), Phys. Rev. E 84, 026705. The right one at a free
+    surface: it dissipates 2 mu D : D, where the other laws dissipate mu |grad v|^2, which for a wave is half of it.
+    Conserves angular momentum too. Less exact than the others where particles are disordered.
+    """
+
+    def force(self, a, b, pair):
+        """[N]."""
+        approach = jnp.sum((a["velocity"] - b["velocity"]) * pair.offset)
+        strength = a["volume"] * b["volume"] * (a["viscosity"] + b["viscosity"])
+        along = approach / jnp.where(pair.squared > 0, pair.squared, 1.0)
+        return (pair.offset.shape[0] + 2) * strength * along * pair.gradient

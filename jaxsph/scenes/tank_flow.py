@@ -11,6 +11,7 @@ import numpy as np
 from jaxsph.effects import ArtificialViscosity, DeltaDiffusion
 from jaxsph.fluid import Fluid
 from jaxsph.geometry import box, tank
+from jaxsph.materials import MonaghanViscosity
 from jaxsph.neighbors import Domain
 from jaxsph.scene import Scene
 from jaxsph.walls import AdamiExtrapolation, Wall
@@ -154,6 +155,7 @@ def column_in_tank(
         density=density,
         sound_speed=10 * math.sqrt(2 * GRAVITY * height) if sound_speed is None else sound_speed,
         viscosity=viscosity,
+        viscosity_law=MonaghanViscosity(),
         pressure=(lambda x: density * GRAVITY * (start[-1] + height - x[:, -1])) if hydrostatic else None,
     )
     basin = Wall(
