@@ -15,7 +15,9 @@ class FlowEffect:
     """Whether it acts between fluid and wall particles too."""
 
     density_flux = None
-    """density_flux(a, b, pair): what flows into a, times the volume of a, [kg/s]; antisymmetric in a and b."""
+    """density_flux(a, b, pair): what flows into a, times the volume of a, [kg/s]; antisymmetric in a and b.
+
+    Between particles of one fluid, and with walls if `with_walls` says so."""
 
     force = None
     """force(a, b, pair): force on a from b [N, in 2D per meter], (d,); antisymmetric in a and b."""
