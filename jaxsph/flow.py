@@ -36,6 +36,7 @@ class Pair(NamedTuple):
     """W at a distance of one particle spacing."""
     smoothing_length: Any
     sound_speed: Any
+    """c [m/s]; between two fluids the mean of theirs, so that what a gets from b is what b gets from a."""
 
 
 @pytree_dataclass
@@ -57,7 +58,7 @@ def fluid_fields(fluid: Fluid, reference: FluidReference, columns: dict) -> dict
     """The fields of a fluid that its pairs are made of, (..., N), and numbers that all of it shares."""
     density = fluid.density + columns["density_deviation"]
     fields = {"position": columns["position"], "velocity": columns["velocity"], "density": density}
-    fields["mass"] = reference.mass
+    fields["mass"], fields["sound_speed"] = reference.mass, fluid.sound_speed
     for name in ("shift", "density_gradient", "cover"):
         if name in columns:
             fields[name] = columns[name]
@@ -83,7 +84,8 @@ def _over_pairs(scene, fluid, of_pair, receivers, senders, neighbors, symmetry=N
         a, b = _whole(uniform_a, a), _whole(uniform_b, b)
         offset = scene.displacement(a["position"], b["position"])
         slope, value = kernel.gradient_factor(offset, h), kernel.w(offset, h)
-        pair = Pair(offset, dot(offset, offset), slope, slope * offset, value, at_spacing, h, fluid.sound_speed)
+        speed = 0.5 * (a.get("sound_speed", fluid.sound_speed) + b.get("sound_speed", fluid.sound_speed))
+        pair = Pair(offset, dot(offset, offset), slope, slope * offset, value, at_spacing, h, speed)
         return of_pair(a, b, pair)
 
     return pair_sum(physics, varying_a, varying_b, neighbors, symmetry=symmetry, forward_mode=forward_mode)
@@ -133,7 +135,8 @@ def density_rates(scene, references, columns, placed, lists, *, forward_mode=Fal
                 senders = _wall_at_rest(fluid, other, references, placed)
             else:
                 senders = own if same else fluid_fields(other, references[other.name], columns[other.name])
-            active = [effect for effect in effects if effect.with_walls or not wall]
+            # Not between two fluids: the jump of their rest densities is none that diffusion may level.
+            active = effects if same else [effect for effect in effects if wall and effect.with_walls]
 
             carry = shifting is not None and same
 
@@ -277,7 +280,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
             viscous = fluid.viscosity is not None and (other.no_slip if wall else other.viscosity is not None)
             active = [effect for effect in effects if effect.with_walls or not wall]
 
-            def of_pair(a, b, pair, fluid=fluid, other=other, wall=wall, viscous=viscous, active=active):
+            def of_pair(a, b, pair, fluid=fluid, other=other, wall=wall, viscous=viscous, active=active, same=same):
                 if wall and "pressure" not in b:
                     b = {**b, "pressure": other.pressure.of_pair(a["pressure"])}
                 force = scene.density.pressure_force(a, b, pair.gradient)
@@ -299,7 +302,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                     volumes = a["volume"] * b["volume"]
                     sums["cover"] = -volumes * dot(pair.offset, pair.gradient) / scene.dimension
                     sums["normal"] = volumes * pair.gradient
-                if delta is not None and not wall:
+                if delta is not None and same:
                     volumes = a["volume"] * b["volume"]
                     sums["moment"] = -volumes * pair.gradient[:, None] * pair.offset[None, :]
                     sums["density_gradient"] = volumes * (b["density"] - a["density"]) * pair.gradient
@@ -413,8 +416,9 @@ def wall_states(scene, references, columns, placed, pressures, lists, *, forward
                 part = _over_pairs(scene, fluid, of_pair, receivers, senders, neighbors, None, forward_mode)
                 weight = weight + part["weight"]
                 total, moving = total + part.get("pressure", 0.0), moving + part.get("velocity", 0.0)
-            # Where nothing is near there is nothing to extrapolate.
-            near = weight > 1e-3 * scene.kernel.w(jnp.zeros(scene.dimension, scene.dtype), scene.smoothing_length)
+            # Where nothing is near there is nothing to extrapolate. The limit is so low that the kernel's gradient has
+            # faded there: at 1e-3 the force jumped by that much when fluid came near, and gradients were off by as much.
+            near = weight > 1e-12 * scene.kernel.w(jnp.zeros(scene.dimension, scene.dtype), scene.smoothing_length)
             safe = jnp.where(near, weight, 1.0)
             if model.extrapolates:
                 state["pressure"] = jnp.where(near, total / safe, 0.0)

@@ -56,8 +56,8 @@ def allocate(scene, positions: dict, *, skin: float | None = None, capacity_mult
     return lists
 
 
-def rebuild(scene, templates: dict[str, NeighborList], positions: dict) -> dict[str, NeighborList]:
-    """The lists for new positions (d, N) by system. Inside jit; no derivatives."""
+def rebuild(scene, templates: dict, positions: dict) -> dict[str, NeighborList]:
+    """The lists for new positions (d, N) by system, templates as from `topologies`. Inside jit; no derivatives."""
     positions = jax.lax.stop_gradient(positions)
     lists = {}
     for a, b in pairs_of(scene):

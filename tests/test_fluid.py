@@ -169,7 +169,10 @@ def test_placed_gives_the_derivatives_of_the_motion():
         (lambda: scene().replace({"water.viscosity": -1.0}), r"water\.viscosity = -1\.0 must be >= 0"),
         (lambda: scene().replace({"water.density": 0.0}), r"water\.density = 0\.0 must be positive"),
         (lambda: scene().replace({"water.velocity": np.zeros(3)}), r"water\.velocity has shape \(3,\)"),
-        (lambda: scene().replace({"ParticleShifting.strength": -1.0}), r"ParticleShifting\.strength = -1\.0 must be >="),
+        (
+            lambda: scene().replace({"ParticleShifting.strength": -1.0}),
+            r"ParticleShifting\.strength = -1\.0 must be >=",
+        ),
         (lambda: scene().replace({"DensityDiffusion.coefficient": np.nan}), "coefficient = nan must be"),
         (lambda: sph.ContinuityDensity("surface"), "form = 'surface' of ContinuityDensity must be 'volume' or 'mass'"),
         (lambda: sph.ArtificialViscosity(-0.1), r"ArtificialViscosity\.alpha = -0\.1 must be >= 0"),
@@ -220,9 +223,9 @@ def test_numbers_are_found_and_replaced_by_name(kind):
 
 
 def test_a_name_that_is_not_there_is_refused_with_those_that_are():
-    with pytest.raises(KeyError, match="'viscous' is not one of .*'viscosity'"):
+    with pytest.raises(KeyError, match=r"'viscous' is not one of .*'viscosity'"):
         scene().get("water.viscous")
-    with pytest.raises(KeyError, match="'ArtificialViscosity' is not one of .*'ParticleShifting'.*'water'"):
+    with pytest.raises(KeyError, match=r"'ArtificialViscosity' is not one of .*'ParticleShifting'.*'water'"):
         scene().replace({"ArtificialViscosity.alpha": 0.1})
 
 

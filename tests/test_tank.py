@@ -95,7 +95,10 @@ def test_volumes_fill_the_layers():
 
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_precision(kind):
-    for particles in (tank((0, 0), (0.2, 0.2), SPACING, dtype=kind), polygon([(0, 0), (1, 0), (0, 1)], 0.1, dtype=kind)):
+    for particles in (
+        tank((0, 0), (0.2, 0.2), SPACING, dtype=kind),
+        polygon([(0, 0), (1, 0), (0, 1)], 0.1, dtype=kind),
+    ):
         assert particles.positions.dtype == kind and particles.volumes.dtype == kind
 
 

@@ -9,7 +9,7 @@ from PIL import Image
 
 import jaxsph as sph
 from jaxsph import plot, pytree
-from jaxsph.plot.run import COLORS
+from jaxsph.plot.run import STRUCTURE_COLORS
 from jaxsph.trajectory import interpolation
 
 POLYNOMIAL = np.array([0.3, -1.0, 4.0, 20.0])  # of time: 1, t, t^2, t^3
@@ -138,7 +138,7 @@ def swing():
     return sph.simulate(beam(), 0.02, 0.01)
 
 
-@pytest.mark.parametrize("color", [None, *COLORS])
+@pytest.mark.parametrize("color", [None, *STRUCTURE_COLORS])
 def test_snapshot_shows_what_is_asked_for(swing, color):
     figure = plot.snapshot(swing, "beam", color=color)
     disks = figure.axes[0].collections[0]

@@ -18,7 +18,9 @@ class FlowEffect:
     """Whether its force is antisymmetric in a and b. If one effect's is not, gradients of a run cost more."""
 
     density_flux = None
-    """density_flux(a, b, pair): what flows into a, times the volume of a, [kg/s]; antisymmetric in a and b."""
+    """density_flux(a, b, pair): what flows into a, times the volume of a, [kg/s]; antisymmetric in a and b.
+
+    Between particles of one fluid, and with walls if `with_walls` says so."""
 
     force = None
     """force(a, b, pair): force on a from b [N, in 2D per meter], (d,); antisymmetric in a and b."""

@@ -47,7 +47,8 @@ class AdamiViscosity(ViscosityLaw):
 
     def force(self, a, b, pair):
         """[N]."""
-        mean = 2 * a["viscosity"] * b["viscosity"] / (a["viscosity"] + b["viscosity"])
+        both = a["viscosity"] + b["viscosity"]
+        mean = 2 * a["viscosity"] * b["viscosity"] / jnp.where(both > 0, both, 1.0)
         volumes = a["volume"] ** 2 + b["volume"] ** 2
         return volumes * mean * pair.slope * (a["velocity"] - b["velocity"])
 
