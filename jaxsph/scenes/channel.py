@@ -33,7 +33,7 @@ def poiseuille(
         height: [m].
         density, viscosity: [kg/m^3], [Pa s].
         top_speed: in the middle, in the end [m/s]; the force per mass is 8 nu top_speed / height^2.
-        sound_speed: [m/s]; None takes 20 top speeds... but see below.
+        sound_speed: [m/s]; None takes 10 top speeds.
         effects: None takes `DensityDiffusion(0.1)`.
         dtype: float32 or float64; None takes jax's default.
     """

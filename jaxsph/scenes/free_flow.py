@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxsph.effects import ArtificialViscosity, BodyForce, DeltaDiffusion
+from jaxsph.effects import ArtificialViscosity, BodyForce, DeltaDiffusion, ParticleShifting, TensileControl
 from jaxsph.fluid import Fluid
 from jaxsph.geometry import Particles, ball, box
 from jaxsph.neighbors import Domain
@@ -120,7 +120,8 @@ def rotating_square(
         frequency: w [rad/s].
         density: [kg/m^3].
         sound_speed: [m/s]; None takes 14 w side, twenty times the speed of the corners.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)` and shifting at the free surface.
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `TensileControl()` and `ParticleShifting`
+            with a free surface.
         smoothing: smoothing length in spacings.
         dtype: float32 or float64; None takes jax's default.
     """
@@ -136,10 +137,16 @@ def rotating_square(
     reach = 4 * side
     return Scene(
         water,
-        effects=[DeltaDiffusion(0.1), ArtificialViscosity(0.02)] if effects is None else effects,
+        effects=_holding_together(frequency * side) if effects is None else effects,
         smoothing_length=smoothing * spacing,
         domain=Domain((-reach, -reach), (reach, reach)),
     )
+
+
+def _holding_together(speed: float) -> list:
+    """Effects for a fluid under tension."""
+    shifting = ParticleShifting(speed=speed, free_surface=True)
+    return [DeltaDiffusion(0.1), ArtificialViscosity(0.02), shifting, TensileControl()]
 
 
 def patch_pressure(x, terms: int = 101):

@@ -22,15 +22,17 @@ jax.config.update("jax_enable_x64", True)
 
 import cost  # noqa: E402
 import fits  # noqa: E402
+import flows  # noqa: E402
 import gradient  # noqa: E402
 import motion  # noqa: E402
 import patch  # noqa: E402
 import pulse  # noqa: E402
 import static  # noqa: E402
+import surfaces  # noqa: E402
 from rows import Case, as_record, heading, holds, line, load, merge, save  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-CASES: list[Case] = [case for group in (patch, static, motion, pulse, gradient, fits, cost) for case in group.CASES]
+CASES: list[Case] = [case for group in (patch, static, motion, pulse, gradient, fits, cost, flows, surfaces) for case in group.CASES]
 
 
 def chosen(only: str | None) -> list[Case]:

@@ -1,0 +1,231 @@
+"""F09 to F20: water with a free surface."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import jax
+import numpy as np
+from flows import fields_at
+from reference import column, table
+from rows import Case, Row, precision
+from scipy.optimize import curve_fit, fsolve
+from scipy.spatial import KDTree
+
+import jaxsph
+
+GRAVITY = 9.81
+
+
+def still_water(quick: bool) -> Iterator[list[Row]]:
+    """Hydrostatic pressure and the speed that is left, in units of sqrt(g H) and sqrt(H / g)."""
+    height, density = 0.9, 1000.0
+    unit, speed = np.sqrt(height / GRAVITY), np.sqrt(GRAVITY * height)
+    runs = [(20, np.float32, (10, 50)), (40, np.float32, (10,)), (20, np.float64, (10,))]
+    for particles, dtype, times in runs[:1] if quick else runs:
+        scene = jaxsph.scenes.still_water(particles, height=height, density=density, dtype=dtype)
+        state, fastest = None, {}
+        for start, end in zip((0, *times), times, strict=False):
+            run = jaxsph.simulate(scene, (end - start) * unit, (end - start) * unit / 10, state=state)
+            state = run.final
+            position, velocity = fields_at(run, "water", -1)
+            fastest[end] = float(np.max(np.linalg.norm(velocity, axis=1))) / speed
+            found = np.asarray(jaxsph.observe.pressure(scene, state, "water"), float)
+            exact = density * GRAVITY * (height - position[:, 1])
+            error = float(np.sqrt(np.sum((found - exact) ** 2) / np.sum(exact**2)))
+            where = (f"{particles} over the depth", precision(dtype))
+            # asked for without a resolution: kept from 40 on
+            limit = 0.01 if particles == 40 else None
+            yield [
+                Row(f"relative L2 error of the pressure, t = {end} sqrt(H/g)", error, limit, *where),
+                Row(f"largest speed / sqrt(gH), t = {end} sqrt(H/g)", fastest[end], 0.005, *where),
+            ]
+        if 50 in fastest:
+            yield [Row("largest speed at 50 / that at 10 sqrt(H/g)", fastest[50] / fastest[10], 1.0, *where)]
+
+
+def drop(quick: bool) -> Iterator[list[Row]]:
+    """Semi-axes over one period from the second moments of an ellipse, and the period from where they are equal."""
+    name, period = "fluid/oscillating_drop_A0.5_Om1.csv", 4.5673738
+    times, a, b = (column(name, heading) for heading in ("t", "a", "b"))
+    runs = [(10, np.float32), (20, np.float32), (40, np.float32), (20, np.float64)]
+    for particles, dtype in runs[:1] if quick else runs:
+        scene = jaxsph.scenes.oscillating_drop(particles, dtype=dtype)
+        run = jaxsph.simulate(scene, 1.1 * period, period / 100)
+        position, now = np.asarray(run["water"]["position"], float), np.asarray(run.times, float)
+        moment = np.var(position, axis=1)
+        axes = np.sqrt(moment / moment[0])
+        whole = now <= period * 1.0001
+        errors = np.abs(axes[whole] - np.stack([np.interp(now[whole], times, value) for value in (a, b)], axis=1))
+        difference = axes[:, 0] - axes[:, 1]
+        crossing = [
+            now[i] - difference[i] * (now[i + 1] - now[i]) / (difference[i + 1] - difference[i])
+            for i in range(80, len(now) - 1)
+            if difference[i] < 0 <= difference[i + 1]
+        ][0]
+        limits = (2e-3, 0.005) if particles == 20 else (None, None)
+        where = (f"R / dx = {particles}", precision(dtype))
+        momentum = np.linalg.norm(np.mean(np.asarray(run["water"]["velocity"], float), axis=1), axis=1)
+        yield [
+            Row("largest error of the semi-axes over a period / R", float(errors.max()), limits[0], *where),
+            Row("relative error of the period", abs(crossing / period - 1), limits[1], *where),
+            # the force towards the center is zero in the mean; positions and velocities in float32 round at 1e-7
+            Row("|momentum| / (mass A R)", float(momentum.max()) / 0.5, 1e-5 if dtype is np.float32 else 1e-13, *where),
+        ]
+
+
+def square(quick: bool) -> Iterator[list[Row]]:
+    """Pressure in the middle after a sound's travel, the largest hole within the patch, and its area."""
+    exact = -0.14734265
+    for particles in (25,) if quick else (50, 100):
+        scene = jaxsph.scenes.rotating_square(particles, dtype=np.float32)
+        run = jaxsph.simulate(scene, 4.0, 0.1)
+        spacing, h = 1.0 / particles, float(scene.smoothing_length)
+        at = jax.jit(lambda scene, s: jaxsph.observe.interpolate(scene, s, "water", "pressure", np.zeros((1, 2))))
+        first = jax.tree.map(lambda leaf: leaf[1], run.states)
+        middle = float(at(scene, first)[0]) / 1000
+        holes, areas = [], []
+        for index in range(0, 41, 5):
+            position, _ = fields_at(run, "water", index)
+            holes.append(largest_hole(position, spacing))
+            density = 1000 + np.asarray(run["water"]["density_deviation"][index], float)
+            areas.append(float(np.sum(np.asarray(scene["water"].particles.volumes) * 1000 / density)))
+        where = (f"{particles} x {particles}", "float32")
+        yield [
+            Row("relative error, pressure in the middle, w t = .1", abs(middle / exact - 1), 0.03, *where),
+            Row("largest hole inside / dx, to w t = 4", max(holes), 2.0, *where),
+            Row("|area - 1|, sum of the volumes", float(np.max(np.abs(np.array(areas) - 1))), 0.01, *where),
+            Row("support radius / dx", 2 * h / spacing, None, *where),
+        ]
+
+
+def largest_hole(position: np.ndarray, spacing: float) -> float:
+    """Radius of the largest empty circle around a particle's neighborhood's inside, in spacings.
+
+    Candidates are the centers of the triangles of a Delaunay mesh that particles surround: whose corners are no further
+    than 4 spacings from each other. In a square lattice it is .71.
+    """
+    from scipy.spatial import Delaunay
+
+    mesh = Delaunay(position)
+    corners = position[mesh.simplices]
+    edges = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    enclosed = np.all(mesh.neighbors >= 0, axis=1) & (edges.max(axis=1) < 4 * spacing)
+    centers = corners[enclosed].mean(axis=1)
+    # particles on all sides: the mean of the neighbors' directions within 4 spacings is short
+    tree = KDTree(position)
+    distance, _ = tree.query(centers)
+    order = np.argsort(-distance)[:200]
+    for index in order:
+        near = position[tree.query_ball_point(centers[index], 5 * spacing)] - centers[index]
+        angles = np.sort(np.arctan2(near[:, 1], near[:, 0]))
+        gap = np.max(np.diff(np.append(angles, angles[0] + 2 * np.pi)))
+        if gap < np.pi / 2:
+            return float(distance[index] / spacing)
+    return 0.0
+
+
+def wave(quick: bool) -> Iterator[list[Row]]:
+    """Frequency and decay of a standing wave, beside Lamb's linear theory with viscosity."""
+    depth, k = 1.0, np.pi
+    inviscid = np.sqrt(GRAVITY * k * np.tanh(k * depth))
+    runs = [(25, 500), (50, 500), (25, 250), (25, 50)]
+    for particles, reynolds in runs[:1] if quick else runs:
+        scene = jaxsph.scenes.standing_wave(
+            particles, reynolds=reynolds, effects=[jaxsph.DeltaDiffusion(0.1)], dtype=np.float32
+        )
+        period = 2 * np.pi / inviscid
+        run = jaxsph.simulate(scene, 6 * period, period / 40)
+        x, y = np.asarray(scene["water"].particles.positions, float).T
+        mode = np.stack([-np.cosh(k * y) * np.sin(k * x), np.sinh(k * y) * np.cos(k * x)], axis=1)
+        amplitude = np.sum(np.asarray(run["water"]["velocity"], float) * mode, axis=(1, 2))
+        form = lambda t, size, w, rate, phase: size * np.exp(-rate * t) * np.cos(w * t + phase)  # noqa: E731
+        start = (1.0, inviscid, 0.1, 0.0)
+        (_, frequency, rate, _), _ = curve_fit(form, np.asarray(run.times, float), amplitude / amplitude[0], start)
+        nu = depth * np.sqrt(GRAVITY * depth) / reynolds
+        exact = lamb(nu, k, inviscid)
+        where = (f"{particles} over the depth, Re {reynolds}", "float32")
+        yield [
+            Row("relative error of the frequency, theory with viscosity", abs(frequency / exact.imag - 1), 0.01, *where),
+            Row("relative error of the decay, theory with viscosity", abs(rate / -exact.real - 1), 0.1, *where),
+            # the first order in nu, which overstates the decay by a third at Re 50
+            Row("relative error of the decay, 4 nu k^2", abs(2 * rate / (4 * nu * k**2) - 1), None, *where),
+        ]
+
+
+def lamb(nu: float, k: float, inviscid: float) -> complex:
+    """Growth rate of a wave on viscous water: H. Lamb (1932), Hydrodynamics, art. 349, with the inviscid frequency."""
+
+    def residual(parts):
+        n = complex(*parts)
+        value = (n + 2 * nu * k**2) ** 2 + inviscid**2 - 4 * nu**2 * k**3 * np.sqrt(k**2 + n / nu)
+        return [value.real, value.imag]
+
+    return complex(*fsolve(residual, [-2 * nu * k**2, inviscid]))
+
+
+def front(quick: bool) -> Iterator[list[Row]]:
+    """Surge front of Martin and Moyce's column of height 2 a, T = t sqrt(2 g / a), Z = x / a."""
+    lines = [line for line in table("fluid/dambreak_front.csv") if line["dataset"].endswith("2.25in")]
+    times, places = (np.array([float(line[key]) for line in lines]) for key in ("T=t*sqrt(2g/a)", "Z=x/a"))
+    a = 0.05715
+    for particles in (20,) if quick else (40, 80):
+        scene = jaxsph.scenes.dam_break(
+            particles, height=2 * a, width=a, tank_length=8 * a, tank_height=3 * a, dtype=np.float32
+        )
+        unit = np.sqrt(a / (2 * GRAVITY))
+        run = jaxsph.simulate(scene, 4.0 * unit, 0.05 * unit)
+        see = jax.jit(jax.vmap(lambda scene, s: jaxsph.observe.surge_front(scene, s, "water"), (None, 0)))
+        reached = np.asarray(see(scene, run.states), float) / a
+        inside = (times > 1) & (times < 4)
+        errors = np.abs(np.interp(times[inside], np.asarray(run.times, float) / unit, reached) / places[inside] - 1)
+        where = (f"H / dx = {particles}", "float32")
+        yield [
+            Row("largest relative error of the front, 1 < T < 4", float(errors.max()), 0.05, *where),
+            Row("mean relative error of the front, 1 < T < 4", float(errors.mean()), None, *where),
+        ]
+
+
+def wall_pressure(quick: bool) -> Iterator[list[Row]]:
+    """Pressure on the far wall 3 mm and 15 mm (of 600 mm) over the floor, by sensors of 90 mm as Buchner's."""
+    height = 0.6
+    unit, scale = np.sqrt(height / GRAVITY), 1000 * GRAVITY * height
+    for particles in (20,) if quick else (40, 80):
+        scene = jaxsph.scenes.dam_break(particles, height=height, dtype=np.float32)
+        far = round(3.2196 / (height / particles)) * height / particles
+        points = np.array([[far, 0.005 * height], [far, 0.025 * height]])
+        see = jax.jit(
+            jax.vmap(
+                lambda scene, s: jaxsph.observe.wall_pressure(
+                    scene, s, "tank", points, width=0.09, normal=(-1.0, 0.0)
+                ),
+                (None, 0),
+            )
+        )
+        state, times, found = None, [], []
+        for _ in range(7):
+            run = jaxsph.simulate(scene, unit, unit / 100, state=state)
+            state = run.final
+            times.append(np.asarray(run.times, float)[1:] / unit)
+            found.append(np.asarray(see(scene, run.states), float)[1:] / scale)
+        times, found = np.concatenate(times), np.concatenate(found)
+        rows, where = [], (f"H / dx = {particles}", "float32")
+        for index, name in enumerate(("P1", "P2")):
+            lines = [line for line in table("fluid/dambreak_pressure.csv") if line["dataset"].endswith(f"sim_{name}")]
+            at, value = (np.array([float(line[key]) for line in lines]) for key in ("T", "p_over_rho_g_H"))
+            inside = (times > 2.36) & (times < 7)
+            difference = found[inside, index] - np.interp(times[inside], at, value)
+            rows.append(Row(f"rms of {name} / (rho g H), 2.36 < T < 7", float(np.sqrt(np.mean(difference**2))),
+                            0.2, *where))  # fmt: skip
+            rows.append(Row(f"lowest {name} / (rho g H), negated", -float(found[:, index].min()), 0.2, *where))
+        yield rows
+
+
+CASES = [
+    Case("F09", "Still water", still_water),
+    Case("F10", "Oscillating drop, A = .5, frequency 1", drop),
+    Case("F13", "Rotating square", square),
+    Case("F15", "Standing wave", wave),
+    Case("F16", "Dam break, surge front", front),
+    Case("F17", "Dam break, pressure on the wall", wall_pressure),
+]
