@@ -7,11 +7,15 @@ import sys
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from PIL import Image
 from PIL.GifImagePlugin import GifImageFile
 
+import jaxsph as sph
 from jaxsph import plot
+from jaxsph.geometry import tank
+from jaxsph.plot.figure import LIGHT_GRAY
 
 SPACING = 0.01
 
@@ -219,3 +223,85 @@ def test_wrong_animations_are_refused(arguments, message):
     given = {"path": "run.gif", "positions": np.zeros((3, 60, 2)), "spacing": SPACING}
     with pytest.raises(ValueError, match=message):
         plot.animate(**{**given, **arguments})
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Water that falls in a tank beside a plate that moves."""
+    dx = 0.1
+    water = sph.Fluid("water", sph.box((0, 0), (0.5, 0.6), dx), 1000.0, 20.0, pressure=lambda x: 1e4 * (0.6 - x[:, 1]))
+    basin = sph.Wall("basin", tank((0, 0), (1.5, 0.8), dx, 4))
+    plate = sph.Structure("plate", sph.box((1, 0), (0.1, 0.3), 0.05, on_surface=True), 1e3, 1e6, 0.3, velocity=(1, 0))
+    scene = sph.Scene(water, basin, plate, gravity=(0.0, -10.0), smoothing_length=1.75 * dx)
+    return sph.simulate(scene, 0.02, 0.01)
+
+
+def test_a_picture_of_all_systems(run):
+    figure = plot.snapshot(run)
+    axes, *bars = figure.axes
+    assert axes.get_aspect() == 1.0 and axes.get_title(loc="left") == "t = 0.020 s"
+    assert {bar.get_ylabel() for bar in bars} == {"pressure [Pa]", "von Mises stress [Pa]"}
+    walls, fluid, structure = axes.collections
+    for disks, name in ((walls, "basin"), (fluid, "water"), (structure, "plate")):
+        np.testing.assert_allclose(np.asarray(disks.get_offsets()), run.positions(name)[-1], rtol=1e-15)
+    assert walls.get_array() is None and tuple(walls.get_facecolor()[0]) == to_rgba(LIGHT_GRAY)
+    pressure = np.asarray(sph.observe.pressure(run.scene, run.final, "water"))
+    np.testing.assert_allclose(np.asarray(fluid.get_array()), pressure, rtol=1e-12)  # the same operations
+    assert fluid.get_cmap().name != structure.get_cmap().name, "two quantities look different"
+    low, high = fluid.get_clim()
+    outside = np.mean((pressure < low) | (pressure > high))
+    assert outside <= 2 / len(pressure), "half a per cent at either end, here a particle"
+    low, high = axes.get_xlim()
+    assert low < -0.4 and high > 1.9, "four layers of wall at both sides are in view"
+    pixels(figure)
+
+
+def test_systems_of_one_quantity_share_scale_and_bar(run):
+    figure = plot.snapshot(run, color="velocity", limits=(0.0, 3.0), color_map="magma", title="all")
+    axes, bar = figure.axes
+    assert bar.get_ylabel() == "speed [m/s]" and axes.get_title(loc="left") == "all"
+    for disks in axes.collections[1:]:
+        assert disks.get_clim() == (0.0, 3.0) and disks.get_cmap().name == "magma"
+    free = plot.snapshot(run, color="velocity").axes[0].collections
+    assert free[1].get_clim() == free[2].get_clim()
+
+
+@pytest.mark.parametrize("color", [None, *plot.FLUID_COLORS])
+def test_snapshot_of_a_fluid(run, color):
+    figure = plot.snapshot(run, "water", color=color)
+    (disks,) = figure.axes[0].collections
+    assert figure.axes[0].get_title(loc="left") == "water   t = 0.020 s"
+    if color is None:
+        assert disks.get_array() is None and len(figure.axes) == 1
+        return
+    observed = {
+        "density": lambda: sph.observe.density(run.scene, run.final, "water"),
+        "pressure": lambda: sph.observe.pressure(run.scene, run.final, "water"),
+        "vorticity": lambda: sph.observe.vorticity(run.scene, run.final, "water"),
+    }
+    fields = run.final.systems["water"]
+    expected = observed[color]() if color in observed else np.linalg.norm(fields[color], axis=1)
+    # sums over neighbors in lists of other sizes
+    scale = np.max(np.abs(expected))
+    np.testing.assert_allclose(np.asarray(disks.get_array()), expected, rtol=0, atol=1e-12 * scale)
+
+
+def test_snapshot_of_a_wall_is_gray(run):
+    figure = plot.snapshot(run, "basin")
+    (disks,) = figure.axes[0].collections
+    assert disks.get_array() is None and tuple(disks.get_facecolor()[0]) == to_rgba(LIGHT_GRAY)
+    with pytest.raises(ValueError, match=r"color 'pressure' is not known; choose one of \[\], or None"):
+        plot.snapshot(run, "basin", color="pressure")
+    with pytest.raises(ValueError, match="color 'salinity' is not known"):
+        plot.snapshot(run, color="salinity")
+
+
+def test_a_film_of_all_systems(run, tmp_path):
+    run.animate(tmp_path / "all.gif", color="pressure", resolution=40)
+    with Image.open(tmp_path / "all.gif") as image:
+        assert isinstance(image, GifImageFile) and image.n_frames == 3
+
+
+@pytest.mark.parametrize(("times", "text"), [([0.0, 0.4], "t = 0.400 s"), ([0.0, 2.5e-5], "t = 0.000025 s")])
+def test_time_has_the_decimals_that_a_run_needs(times, text):
+    assert plot.layers.time_text(np.array(times), 1) == text

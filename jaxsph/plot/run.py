@@ -40,6 +40,9 @@ TAIL = 0.5
 """Per cent of a fluid's numbers at either end that its color scale leaves out: a few particles in an impact would take
 all colors for themselves."""
 
+SEQUENTIAL = ("viridis", "inferno", "cividis")
+"""Color maps of the quantities of a picture, in turn."""
+
 TRACE = 0.25
 """Share of the other sign from which zero is the middle of the scale: a little suction is none."""
 
@@ -146,7 +149,8 @@ def _layers(trajectory, name, color, indices, limits, color_map) -> list[Layer]:
         if values is not None:
             chosen = color_map if label == named else None
             diverging = both_signs(np.asarray(own, float), TRACE)
-            options |= {"limits": own, "color_map": chosen or ("coolwarm" if diverging else "viridis")}
+            one_sided = SEQUENTIAL[list(groups).index(label) % len(SEQUENTIAL)]
+            options |= {"limits": own, "color_map": chosen or ("coolwarm" if diverging else one_sided)}
         layers.append(Layer.of(positions, values, system.particles.spacing, label, unit, **options))
     return layers
 
