@@ -1,0 +1,129 @@
+"""The forces on fluids, and what else is summed on the way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from jaxsph.effects import DeltaDiffusion, ParticleShifting, TensileControl
+from jaxsph.flow.pairs import fluid_fields, over_pairs, partners, pressure
+from jaxsph.flow.walls import wall_in_forces, wall_states
+from jaxsph.fluid import Fluid
+from jaxsph.pair_sum import dot
+from jaxsph.tensors import inverse
+
+
+def forces(scene, references, columns, placed, lists, time, *, forward_mode=False) -> dict:
+    """By fluid: `acceleration` (d, N) [m/s^2] and, if the scene calls for them, `shift` and `density_gradient`."""
+    effects = [effect for effect in scene.flow_effects if effect.force is not None]
+    outside = [effect for effect in scene.flow_effects if effect.acceleration is not None]
+    shifting, delta = scene.effect(ParticleShifting), scene.effect(DeltaDiffusion)
+    covered = (shifting is not None and shifting.free_surface) or scene.effect(TensileControl) is not None
+    pressures = {fluid.name: pressure(fluid, columns[fluid.name]) for fluid in scene.fluids}
+    walls = wall_states(scene, references, columns, placed, pressures, lists, forward_mode=forward_mode)
+    out = {}
+    for fluid in scene.fluids:
+        own = fluid_fields(fluid, references[fluid.name], columns[fluid.name])
+        own["pressure"] = pressures[fluid.name]
+        own.pop("density_gradient", None)  # that of the step before
+        totals: dict[str, Any] = {}
+        for other, neighbors in partners(scene, fluid, lists):
+            same, wall = other is fluid, not isinstance(other, Fluid)
+            if wall:
+                senders = wall_in_forces(fluid, other, references, placed, walls[other.name])
+            elif same:
+                senders = own
+            else:
+                senders = fluid_fields(other, references[other.name], columns[other.name])
+                senders["pressure"] = pressures[other.name]
+                senders.pop("density_gradient", None)
+            viscous = fluid.viscosity is not None and (other.no_slip if wall else other.viscosity is not None)
+            active = [effect for effect in effects if effect.with_walls or not wall]
+
+            def of_pair(a, b, pair, fluid=fluid, other=other, wall=wall, viscous=viscous, active=active, same=same):
+                if wall and "pressure" not in b:
+                    b = {**b, "pressure": other.pressure.of_pair(a["pressure"])}
+                force = scene.density.pressure_force(a, b, pair.gradient)
+                seen = b["velocity"]
+                if viscous:
+                    if wall:
+                        seen = b["slip"]
+                    sticking = {**b, "velocity": seen, "viscosity": b.get("viscosity", a["viscosity"])}
+                    force = force + fluid.viscosity_law.force(a, sticking, pair)
+                for effect in active:
+                    force = force + effect.force(a, b, pair)
+                sums = {"force": force}
+                if shifting is not None:
+                    if wall:
+                        b = {**b, "shift": a["shift"]}
+                    sums["carried"] = shifting.carried(a, b, seen - a["velocity"], pair)
+                    sums["crowding"] = shifting.crowding(a, b, pair)
+                if covered:
+                    volumes = a["volume"] * b["volume"]
+                    sums["cover"] = -volumes * dot(pair.offset, pair.gradient) / scene.dimension
+                    sums["normal"] = volumes * pair.gradient
+                if delta is not None and same:
+                    volumes = a["volume"] * b["volume"]
+                    sums["moment"] = -volumes * pair.gradient[:, None] * pair.offset[None, :]
+                    sums["density_gradient"] = volumes * (b["density"] - a["density"]) * pair.gradient
+                return sums
+
+            symmetry = None
+            if same:
+                symmetry = {"force": -1}
+                if shifting is not None:
+                    symmetry |= {"carried": 1, "crowding": -1}
+                symmetry |= {"cover": 1, "normal": -1} if covered else {}
+                symmetry |= {"moment": 1, "density_gradient": 1} if delta is not None else {}
+                symmetry = symmetry if all(effect.symmetric for effect in active) else None
+            part = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode)
+            totals = {name: totals.get(name, 0.0) + part.get(name, 0.0) for name in {**totals, **part}}
+        out[fluid.name] = _finish(scene, fluid, own, totals, outside, shifting, delta, time)
+    return out
+
+
+def _finish(scene, fluid, own, totals, outside, shifting, delta, time):
+    """From the sums to what the step needs."""
+    volume = own["mass"] / own["density"]
+    acceleration = totals["force"] / own["mass"] + jnp.asarray(scene.gravity)[:, None]
+    if shifting is not None:
+        acceleration = acceleration + totals["carried"] / volume
+    for effect in outside:
+        acceleration = acceleration + effect.acceleration(own["position"], time)
+    done = {"acceleration": acceleration}
+    if shifting is not None:
+        crowding = totals["crowding"] / volume
+        done["shift"] = shifting.velocity(
+            crowding,
+            scene.kernel.support_radius(scene.smoothing_length),
+            fluid.sound_speed,
+            cover=totals["cover"] / volume if shifting.free_surface else None,
+            normal=totals["normal"] if shifting.free_surface else None,
+        )
+    if scene.effect(TensileControl) is not None:
+        done["cover"] = totals["cover"] / volume
+    if delta is not None:
+        done["density_gradient"] = corrected(totals["moment"], totals["density_gradient"])
+    return done
+
+
+def corrected(moment, uncorrected):
+    """M^-1 times a raw gradient (d, N), M (d, d, N); zero where a particle has too few neighbors for an inverse."""
+    d = moment.shape[0]
+    size = sum(moment[i, i] for i in range(d)) / d
+    scaled = moment / jnp.where(size > 0, size, 1.0)
+    identity = jnp.eye(d, dtype=moment.dtype)[:, :, None]
+    determinant = scaled[0, 0] * scaled[1, 1] - scaled[0, 1] * scaled[1, 0] if d == 2 else _determinant_3d(scaled)
+    good = (size > 0) & (determinant > 0.05)
+    safe = jnp.where(good, scaled, identity)
+    raw = uncorrected / jnp.where(size > 0, size, 1.0)
+    return jnp.where(good, jnp.sum(inverse(safe) * raw[None], axis=1), 0.0)
+
+
+def _determinant_3d(m):
+    return (
+        m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+        - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
+        + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+    )

@@ -1,0 +1,126 @@
+"""What a pair of a fluid is made of: its geometry, the fields of both particles, and the sum over all pairs."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from jaxsph.fluid import Fluid
+from jaxsph.pair_sum import dot, pair_sum
+from jaxsph.pytree import pytree_dataclass
+
+
+class Pair(NamedTuple):
+    """Geometry of a pair, and the numbers of the scene that effects need."""
+
+    offset: Any
+    """x_a - x_b (d,) [m], to the nearest image in a periodic domain."""
+    squared: Any
+    """|x_a - x_b|^2 [m^2]."""
+    slope: Any
+    """F [1/m^(d+2)], finite where particles meet."""
+    gradient: Any
+    """grad_a W = F (x_a - x_b) (d,) [1/m^(d+1)]."""
+    value: Any
+    """W [1/m^d]."""
+    value_at_spacing: Any
+    """W at a distance of one particle spacing."""
+    smoothing_length: Any
+    sound_speed: Any
+    """c [m/s]; between two fluids the mean of theirs, so that what a gets from b is what b gets from a."""
+
+
+@pytree_dataclass
+class FluidReference:
+    """What of a fluid does not change during a run: mass, one number or (N,) in cell order [kg]."""
+
+    mass: Any
+
+
+@pytree_dataclass
+class WallReference:
+    """What of a wall does not change: positions at t = 0 (d, N) [m] and volumes, one number or (N,) [m^d]."""
+
+    positions: Any
+    volume: Any
+
+
+def fluid_fields(fluid: Fluid, reference: FluidReference, columns: dict) -> dict:
+    """The fields of a fluid that its pairs are made of, (..., N), and numbers that all of it shares."""
+    density = fluid.density + columns["density_deviation"]
+    fields = {"position": columns["position"], "velocity": columns["velocity"], "density": density}
+    fields["mass"], fields["sound_speed"] = reference.mass, fluid.sound_speed
+    for name in ("shift", "density_gradient", "cover"):
+        if name in columns:
+            fields[name] = columns[name]
+    if fluid.viscosity is not None:
+        fields["viscosity"] = fluid.viscosity
+    return fields
+
+
+def pressure(fluid: Fluid, columns: dict):
+    """Pressure (N,) [Pa] of a fluid."""
+    return fluid.state_equation.pressure(columns["density_deviation"], fluid.density, fluid.sound_speed)
+
+
+def over_pairs(scene, fluid, of_pair, receivers, senders, neighbors, symmetry=None, forward_mode=False):
+    """Sum of_pair(a, b, pair) where a and b have all their fields; numbers shared by a system are not gathered."""
+    kernel, h = scene.kernel, scene.smoothing_length
+    at_spacing = kernel.w(jnp.zeros(scene.dimension, scene.dtype).at[0].set(scene.spacing), h)
+    (varying_a, uniform_a), (varying_b, uniform_b) = _split(receivers), _split(senders)
+    if receivers is senders:
+        varying_b = varying_a
+
+    def physics(a, b):
+        a, b = _whole(uniform_a, a), _whole(uniform_b, b)
+        offset = scene.displacement(a["position"], b["position"])
+        slope, value = kernel.gradient_factor(offset, h), kernel.w(offset, h)
+        speed = 0.5 * (a.get("sound_speed", fluid.sound_speed) + b.get("sound_speed", fluid.sound_speed))
+        pair = Pair(offset, dot(offset, offset), slope, slope * offset, value, at_spacing, h, speed)
+        return of_pair(a, b, pair)
+
+    return pair_sum(physics, varying_a, varying_b, neighbors, symmetry=symmetry, forward_mode=forward_mode)
+
+
+def _split(fields):
+    varying = {name: value for name, value in fields.items() if jnp.ndim(value) > 0}
+    return varying, {name: value for name, value in fields.items() if jnp.ndim(value) == 0}
+
+
+def _whole(uniform, fields):
+    fields = {**uniform, **fields}
+    if "density" in fields:
+        fields["volume"] = fields["mass"] / fields["density"]
+    return fields
+
+
+def partners(scene, fluid, lists):
+    """The other systems of a fluid's pairs, and the lists: (system, list); itself first."""
+    yield fluid, lists[f"{fluid.name}-{fluid.name}"]
+    names = [other.name for other in scene.fluids]
+    for other in scene.fluids:
+        if other.name != fluid.name:
+            first = names.index(fluid.name) < names.index(other.name)
+            if first:
+                yield other, lists[f"{fluid.name}-{other.name}"]
+            else:
+                yield other, lists[f"{other.name}-{fluid.name}"].transposed()
+    for wall in scene.walls:
+        yield wall, lists[f"{fluid.name}-{wall.name}"]
+
+
+def wall_at_rest(fluid, wall, references, placed):
+    """A wall as a fluid meets it in the density's rate: with its own velocity and the rest density.
+
+    A sliding surface does not move the wall: its velocity would let a corner breathe.
+    """
+    position, velocity, _ = placed[wall.name]
+    velocity = velocity if wall.motion is not None else jnp.zeros_like(velocity)
+    fields = {"position": position, "velocity": velocity}
+    volume = references[wall.name].volume
+    fields["mass"] = fluid.density * volume
+    fields["density"] = fluid.density
+    if jnp.ndim(volume):
+        fields["density"] = jnp.broadcast_to(fluid.density, volume.shape)
+    return fields
