@@ -34,8 +34,8 @@ class ContinuityDensity(DensityCalculator):
     """The continuity equation, integrated in time. Right at free surfaces.
 
     Attributes:
-        form: "volume": drho_a = rho_a sum_b V_b v_ab . grad W with the force -V_a V_b (p_a + p_b) grad W, which holds at
-            jumps of the density too; or "mass": drho_a = sum_b m_b v_ab . grad W, equation (12) of the poster, with
+        form: "volume": drho_a = rho_a sum_b V_b v_ab . grad W with the force -V_a V_b (p_a + p_b) grad W, which holds
+            at jumps of the density too; or "mass": drho_a = sum_b m_b v_ab . grad W, equation (12) of the poster, with
             -m_a m_b (p_a / rho_a^2 + p_b / rho_b^2) grad W, equation (11).
     """
 

@@ -50,8 +50,8 @@ def topologies(scene, state=None, *, skin=None, capacity_multiplier=surroundings
             here = state.systems[system.name]["position"]
         if not is_concrete(here, scene.smoothing_length):
             raise ValueError(
-                f"the positions of {system.name!r} or the smoothing length are traced, so neighbors cannot be found here; "
-                "compute jaxsph.topologies(scene) outside of jit/grad and pass it as topologies_of_scene="
+                f"the positions of {system.name!r} or the smoothing length are traced, so neighbors cannot be found "
+                "here; compute jaxsph.topologies(scene) outside of jit/grad and pass it as topologies_of_scene="
             )
         start = np.asarray(system.particles.positions, np.float64)
         cells = np.floor(start / float(scene.kernel.support_radius(np.asarray(scene.smoothing_length))))

@@ -82,8 +82,8 @@ class Fluid:
                 lowest = self.density + np.min(np.asarray(self.initial_deviation()))
                 if not lowest > 0:
                     raise ValueError(
-                        f"{prefix}pressure reaches {np.min(self.pressure):.4g} Pa, at which the equation of state gives "
-                        f"a density of {lowest:.4g} kg/m^3; take a higher sound speed or a background pressure"
+                        f"{prefix}pressure reaches {np.min(self.pressure):.4g} Pa, at which the equation of state "
+                        f"gives a density of {lowest:.4g} kg/m^3; take a higher sound speed or a background pressure"
                     )
 
     @property

@@ -72,8 +72,8 @@ class Scene:
             smoothing_length = as_real(smoothing_length, real)
         if flows and any(isinstance(system, Structure) for system in systems):
             raise ValueError(
-                "a scene with fluids and structures needs their coupling, which is not there yet: they would pass through "
-                "each other. Put them into two scenes"
+                "a scene with fluids and structures needs their coupling, which is not there yet: they would pass "
+                "through each other. Put them into two scenes"
             )
         if not flows and domain is None and any(isinstance(system, Wall) for system in systems):
             raise ValueError("a scene with walls needs a fluid; a structure is held by `clamped`")

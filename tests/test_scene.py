@@ -82,7 +82,13 @@ def test_a_scene_is_a_pytree_of_its_numbers():
 
 def test_it_says_what_is_in_it():
     said = str(scene())
-    for words in ("2D, float64", "plate: 9 particles, spacing 0.1 m, 0 clamped", "E 1e+06 Pa", "(0, -9.81) m/s^2", "PenaltyForce"):
+    for words in (
+        "2D, float64",
+        "plate: 9 particles, spacing 0.1 m, 0 clamped",
+        "E 1e+06 Pa",
+        "(0, -9.81) m/s^2",
+        "PenaltyForce",
+    ):
         assert words in said
 
 

@@ -21,9 +21,9 @@ class ParticleShifting:
     with the support radius H. The terms that let density and momentum flow through the moving particles are those of
     P.-N. Sun, A. Colagrossi, S. Marrone, M. Antuono, A.-M. Zhang (2019), Comput. Phys. Commun. 236, 63, eq. (5).
 
-    At a free surface the sum points out of the fluid, whatever the particles do. With `free_surface` the part of dv along
-    the normal fades out as the cover C = -sum_b V_b x_ab . grad W / d falls from .95 (inside it is 1) to .75, and all of
-    dv from .6 to .4 (spray), both smoothly. The idea of leaving out the normal part is that of S. J. Lind, R. Xu,
+    At a free surface the sum points out of the fluid, whatever the particles do. With `free_surface` the part of dv
+    along the normal fades out as the cover C = -sum_b V_b x_ab . grad W / d falls from .95 (inside it is 1) to .75, and
+    all of dv from .6 to .4 (spray), both smoothly. The idea of leaving out the normal part is that of S. J. Lind, R. Xu,
     P. K. Stansby, B. D. Rogers (2012), J. Comput. Phys. 231, 1499, section 3.
 
     Attributes:

@@ -10,8 +10,8 @@ from jaxsph.pytree import pytree_dataclass
 class ViscosityLaw:
     """The force of a pair by viscosity.
 
-    The published laws have x . grad W / (x^2 + .01 h^2), whose second term weakens the viscosity by .7 % at h = dx. Here
-    grad W = F x with a finite F, so nothing need be added to x^2.
+    The published laws have x . grad W / (x^2 + .01 h^2), whose second term weakens the viscosity by .7 % at h = dx.
+    Here grad W = F x with a finite F, so nothing need be added to x^2.
     """
 
     def force(self, a, b, pair):

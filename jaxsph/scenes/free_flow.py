@@ -43,7 +43,7 @@ def oscillating_drop(
 ) -> Scene:
     """A drop in the force field -frequency^2 x, which stretches along x and y in turn; an ellipse at all times.
 
-    J. J. Monaghan, A. Rafiee (2013), Int. J. Numer. Methods Fluids 71, 537; for frequency 0 the drop of Monaghan (1994),
+    J. J. Monaghan, A. Rafiee (2013), Int. J. Numer. Methods Fluids 71, 537; for frequency 0 Monaghan's drop (1994),
     which stretches for good, J. Comput. Phys. 110, 399, section 5.
 
     Args:
@@ -109,7 +109,7 @@ def rotating_square(
     smoothing: float = 2.0,
     dtype=None,
 ) -> Scene:
-    """A square of fluid that rotates as a rigid body at the start; its corners become arms, its middle is under tension.
+    """A square of fluid that rotates as a rigid body at the start: its corners become arms, its middle is under tension.
 
     A. Colagrossi (2005), PhD thesis, Rome. The initial pressure is the solution of lap p = 2 rho w^2 with p = 0 on the
     edges, by its Fourier series.
@@ -120,8 +120,8 @@ def rotating_square(
         frequency: w [rad/s].
         density: [kg/m^3].
         sound_speed: [m/s]; None takes 14 w side, twenty times the speed of the corners.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `TensileControl()` and `ParticleShifting`
-            with a free surface.
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `TensileControl()` and
+            `ParticleShifting` with a free surface.
         smoothing: smoothing length in spacings.
         dtype: float32 or float64; None takes jax's default.
     """

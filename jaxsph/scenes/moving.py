@@ -190,9 +190,7 @@ def moving_wall(
     # The wall takes the place of the tank's left side, and slides on its floor.
     basin = scene["tank"]
     keep = ~((basin.particles.positions[:, 0] < 0) & (basin.particles.positions[:, 1] > 0))
-    systems = tuple(
-        replace(s, particles=s.particles.where(keep)) if s.name == "tank" else s for s in scene.systems
-    )
+    systems = tuple(replace(s, particles=s.particles.where(keep)) if s.name == "tank" else s for s in scene.systems)
     return replace(scene, systems=systems)
 
 

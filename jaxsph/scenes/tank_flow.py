@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 
-
 import numpy as np
 
 from jaxsph.effects import ArtificialViscosity, DeltaDiffusion
@@ -175,5 +174,3 @@ def column_in_tank(
         smoothing_length=smoothing * spacing,
         domain=Domain(-reach, 2 * reach),
     )
-
-

@@ -146,7 +146,9 @@ def wave(quick: bool) -> Iterator[list[Row]]:
         exact = lamb(nu, k, inviscid)
         where = (f"{particles} over the depth, Re {reynolds}", "float32")
         yield [
-            Row("relative error of the frequency, theory with viscosity", abs(frequency / exact.imag - 1), 0.01, *where),
+            Row(
+                "relative error of the frequency, theory with viscosity", abs(frequency / exact.imag - 1), 0.01, *where
+            ),
             Row("relative error of the decay, theory with viscosity", abs(rate / -exact.real - 1), 0.1, *where),
             # the first order in nu, which overstates the decay by a third at Re 50
             Row("relative error of the decay, 4 nu k^2", abs(2 * rate / (4 * nu * k**2) - 1), None, *where),
@@ -196,9 +198,7 @@ def wall_pressure(quick: bool) -> Iterator[list[Row]]:
         points = np.array([[far, 0.005 * height], [far, 0.025 * height]])
         see = jax.jit(
             jax.vmap(
-                lambda scene, s: jaxsph.observe.wall_pressure(
-                    scene, s, "tank", points, width=0.09, normal=(-1.0, 0.0)
-                ),
+                lambda scene, s: jaxsph.observe.wall_pressure(scene, s, "tank", points, width=0.09, normal=(-1.0, 0.0)),
                 (None, 0),
             )
         )
