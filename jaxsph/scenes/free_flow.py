@@ -109,7 +109,7 @@ def rotating_square(
     smoothing: float = 2.0,
     dtype=None,
 ) -> Scene:
-    """A square of fluid that rotates as a rigid body at the start: its corners become arms, its middle is under tension.
+    """A square of fluid that rotates as a rigid body at the start: its corners become arms, its middle is torn at.
 
     A. Colagrossi (2005), PhD thesis, Rome. The initial pressure is the solution of lap p = 2 rho w^2 with p = 0 on the
     edges, by its Fourier series.

@@ -32,9 +32,8 @@ import surfaces  # noqa: E402
 from rows import Case, as_record, heading, holds, line, load, merge, save  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-CASES: list[Case] = [
-    case for group in (patch, static, motion, pulse, gradient, fits, cost, flows, surfaces) for case in group.CASES
-]
+GROUPS = (patch, static, motion, pulse, gradient, fits, cost, flows, surfaces)
+CASES: list[Case] = [case for group in GROUPS for case in group.CASES]
 
 
 def chosen(only: str | None) -> list[Case]:
