@@ -18,8 +18,12 @@ class ParticleShifting:
 
         dv_a = -strength speed H sum_b (1 + .2 (W_ab / W(dx))^4) V_b grad W,      |dv| <= speed / 2,
 
-    with the support radius H. The terms that let density and momentum flow through the moving particles are those of
-    P.-N. Sun, A. Colagrossi, S. Marrone, M. Antuono, A.-M. Zhang (2019), Comput. Phys. Commun. 236, 63, eq. (5).
+    with the support radius H: P.-N. Sun, A. Colagrossi, S. Marrone, M. Antuono, A.-M. Zhang (2019), Comput. Phys.
+    Commun. 236, 63, eqs. (5), (7). Since particles no longer follow the flow, their density and velocity change by
+    dv . grad of both. These are summed as differences: the conservative sums of eq. (5) do not cancel, and the density
+    falls by 2 rho |dv|^2 / (speed H) all the time, which empties a closed box. Linear momentum is then conserved to the
+    order of the scheme, not to round-off. With a free surface, where the sums are one-sided and would add energy,
+    particles keep their density and velocity, as in P.-N. Sun et al. (2017), Comput. Methods Appl. Mech. Eng. 315, 25.
 
     At a free surface the sum points out of the fluid, whatever the particles do. With `free_surface` the part of dv
     along the normal fades out as the cover C = -sum_b V_b x_ab . grad W / d falls from .95 (inside it is 1) to .75, and

@@ -31,7 +31,7 @@ def density_rates(scene, references, columns, placed, lists, *, forward_mode=Fal
             # Not between two fluids: the jump of their rest densities is none that diffusion may level.
             active = effects if same else [effect for effect in effects if wall and effect.with_walls]
 
-            carry = shifting is not None and same
+            carry = shifting is not None and not shifting.free_surface and same
 
             def of_pair(a, b, pair, active=active, carry=carry):
                 moving = dot(a["velocity"] - b["velocity"], pair.gradient)

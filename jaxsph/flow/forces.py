@@ -19,6 +19,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
     effects = [effect for effect in scene.flow_effects if effect.force is not None]
     outside = [effect for effect in scene.flow_effects if effect.acceleration is not None]
     shifting, delta = scene.effect(ParticleShifting), scene.effect(DeltaDiffusion)
+    carry = shifting is not None and not shifting.free_surface
     covered = (shifting is not None and shifting.free_surface) or scene.effect(TensileControl) is not None
     pressures = {fluid.name: pressure(fluid, columns[fluid.name]) for fluid in scene.fluids}
     walls = wall_states(scene, references, columns, placed, pressures, lists, forward_mode=forward_mode)
@@ -55,9 +56,9 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                     force = force + effect.force(a, b, pair)
                 sums = {"force": force}
                 if shifting is not None:
-                    if wall:
-                        b = {**b, "shift": a["shift"]}
-                    sums["carried"] = shifting.carried(a, b, seen - a["velocity"], pair)
+                    if carry:
+                        beside = {**b, "shift": a["shift"]} if wall else b
+                        sums["carried"] = shifting.carried(a, beside, seen - a["velocity"], pair)
                     sums["crowding"] = shifting.crowding(a, b, pair)
                 if covered:
                     volumes = a["volume"] * b["volume"]
@@ -73,7 +74,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
             if same:
                 symmetry = {"force": -1}
                 if shifting is not None:
-                    symmetry |= {"carried": 1, "crowding": -1}
+                    symmetry |= {"crowding": -1} | ({"carried": 1} if carry else {})
                 symmetry |= {"cover": 1, "normal": -1} if covered else {}
                 symmetry |= {"moment": 1, "density_gradient": 1} if delta is not None else {}
                 symmetry = symmetry if all(effect.symmetric for effect in active) else None
@@ -87,7 +88,7 @@ def _finish(scene, fluid, own, totals, outside, shifting, delta, time):
     """From the sums to what the step needs."""
     volume = own["mass"] / own["density"]
     acceleration = totals["force"] / own["mass"] + jnp.asarray(scene.gravity)[:, None]
-    if shifting is not None:
+    if "carried" in totals:
         acceleration = acceleration + totals["carried"] / volume
     for effect in outside:
         acceleration = acceleration + effect.acceleration(own["position"], time)
