@@ -86,7 +86,7 @@ def cavity(reynolds: int, quick: bool) -> Iterator[list[Row]]:
     t_end = {100: 15.0, 1000: 40.0}[reynolds]
     seen = jax.jit(jax.vmap(lambda scene, s: jaxsph.observe.interpolate(scene, s, "water", "velocity", points, order=1),
                             (None, 0)))  # fmt: skip
-    for particles in (25,) if quick else (50, 100):
+    for particles in (25,) if quick else ((50, 100) if reynolds == 100 else (100,)):
         scene = jaxsph.scenes.lid_driven_cavity(particles, reynolds=reynolds, dtype=np.float32)
         state, left = None, t_end
         while left > 1.5:
