@@ -43,7 +43,7 @@ def topologies(scene, state=None, *, skin=None, capacity_multiplier=surroundings
     Raises ValueError for traced positions, or those that `Structure` and `NeighborSearch.allocate` refuse.
     """
     found: dict[str, Any] = {structure.name: topology(structure) for structure in scene.structures}
-    positions = {}
+    positions: dict[str, Any] = {}
     for system in [*scene.fluids, *scene.walls]:
         here = system.particles.positions
         if state is not None and "position" in state.systems[system.name]:
@@ -59,9 +59,12 @@ def topologies(scene, state=None, *, skin=None, capacity_multiplier=surroundings
         rank = np.empty(len(order), np.int64)
         rank[order] = np.arange(len(order))
         found[system.name] = Order(order.astype(np.int32), rank.astype(np.int32))
-        positions[system.name] = jnp.asarray(here)[order].T
+        positions[system.name] = np.asarray(here)[order].T
     if scene.fluids:
-        found |= surroundings.allocate(scene, positions, skin=skin, capacity_multiplier=capacity_multiplier)
+        # Known positions stay known inside jit too.
+        with jax.ensure_compile_time_eval():
+            positions = {name: jnp.asarray(place) for name, place in positions.items()}
+            found |= surroundings.allocate(scene, positions, skin=skin, capacity_multiplier=capacity_multiplier)
     return found
 
 

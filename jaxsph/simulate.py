@@ -182,7 +182,7 @@ def _in_builds(n_steps: int, wanted: int) -> tuple[int, int]:
 
 
 def _begin(scene, found, state, forward_mode=False):
-    """References, and columns with the forces filled in."""
+    """References, columns with the forces filled in, and whether the neighbor lists were too small for them."""
     references = prepare(scene, found)
     columns = to_columns(state.systems, found)
     columns = constrain(scene, references, columns, state.time)
@@ -192,7 +192,8 @@ def _begin(scene, found, state, forward_mode=False):
     for name, found_now in fresh.items():
         kept = {k: jnp.where(state.step == 0, new, columns[name][k]) for k, new in found_now.items()}
         columns[name] = {**columns[name], **kept}
-    return references, columns
+    overflows = [neighbors.did_buffer_overflow for neighbors in (lists or {}).values()]
+    return references, columns, jnp.any(jnp.array(overflows, bool))
 
 
 def _lists(scene, references, columns, found, time):
@@ -280,7 +281,8 @@ def _with_rows(state, columns, found):
 def _run_traced(
     scene, found, state, time_step, *, n_saves, n_steps, integrator, forward_mode, memory_budget, rebuild_every
 ):
-    references, columns = _begin(scene, found, state, forward_mode=forward_mode)
+    # Lists that are too small here are so in the first steps too, which say so.
+    references, columns, _ = _begin(scene, found, state, forward_mode=forward_mode)
     first = _with_rows(state, columns, found)
     if isinstance(integrator, Diffrax):
         return first, _solve(
@@ -335,7 +337,10 @@ _solve_compiled = jax.jit(_solve, static_argnames=("n_saves", "n_steps", "forwar
 
 def _run(scene, found, state, time_step, n_saves, progress, out, options):
     """Advance from save to save with plain numbers."""
-    references, columns = _begin_compiled(scene, found, state)
+    references, columns, too_small = _begin_compiled(scene, found, state)
+    while too_small:
+        found = _with_room(scene, found)
+        references, columns, too_small = _begin_compiled(scene, found, state)
     first = jax.device_get(_with_rows(state, columns, found))
     saved = [first]
     whole = lambda: jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *saved)  # noqa: E731

@@ -9,7 +9,7 @@ import numpy as np
 import jaxsph as sph
 from jaxsph.dynamics import place_walls, positions_of, prepare
 from jaxsph.flow import density_rates, forces, pressure, summed_deviations, wall_states
-from jaxsph.geometry import box, jitter
+from jaxsph.geometry import box, jitter, tank
 from jaxsph.pytree import replace
 from jaxsph.state import to_columns, to_rows
 from jaxsph.surroundings import rebuild
@@ -124,3 +124,14 @@ def assert_equal(got, expected, tolerance=1e-12):
     """Equal to within a tolerance of the largest: some thirty terms in another order, a rounding of 2e-16 each."""
     assert np.max(np.abs(expected)) > 0
     np.testing.assert_allclose(got, expected, rtol=0, atol=tolerance * np.max(np.abs(expected)))
+
+
+def column(kind: Any = np.float64, domain=((-1, -1), (2, 2)), velocity=(0.5, 0.0), effects=None, **about: Any):
+    """Water of 6 x 6 particles in the corner of a wider tank."""
+    particles = jitter(box((0, 0), (0.3, 0.3), 0.05, dtype=kind), 0.05, 2)
+    wall = {key: about.pop(key) for key in ("motion", "pressure") if key in about}
+    about = {"density": 1000.0, "sound_speed": 20.0, "viscosity": 1.0, "velocity": velocity, **about}
+    water = sph.Fluid("water", particles, **about)
+    basin = sph.Wall("tank", tank((0, 0), (0.6, 0.3), 0.05, 3, dtype=kind), **wall)
+    effects = [sph.DeltaDiffusion(0.1)] if effects is None else effects
+    return sph.Scene(water, basin, gravity=(0.0, -9.81), effects=effects, domain=sph.Domain(*domain))

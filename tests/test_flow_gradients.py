@@ -1,8 +1,8 @@
 """Gradients through a hundred steps of a fluid: forward and reverse mode against finite differences.
 
 Of a vortex in a periodic box and of a column of water that falls apart in a tank, for every way to get the density and
-every effect that is smooth. `ArtificialViscosity` is not: it acts on approaching pairs, its derivative jumps where a pair
-turns around, and a finite difference across such a turn is the mean of two slopes. Nor are wall pressures clipped at
+every effect that is smooth. `ArtificialViscosity` is not: it acts on approaching pairs, its derivative jumps where a
+pair turns around, and a finite difference across such a turn is the mean of two slopes. Nor are wall pressures clipped at
 zero.
 """
 
@@ -107,8 +107,8 @@ def check(case):
             ends = [case.value_and_slope({**case.start, name: 1 + s}, direction)[0] for s in (step, -step)]
             return float(ends[0] - ends[1]) / (2 * step)
 
-        # Richardson: step^4 = 1e-14 times the fifth derivative is left of the truncation; rounding of 1e-13 of the value
-        # (a hundred steps) over the step, 1e-9, of a value that can be 1e2 times the slope.
+        # Richardson: step^4 = 1e-14 times the fifth derivative is left of the truncation; rounding of 1e-13 of the
+        # value (a hundred steps) over the step, 1e-9, of a value that can be 1e2 times the slope.
         step = 3e-4
         difference = (4 * slope(step / 2) - slope(step)) / 3
         assert difference != 0, name

@@ -1,0 +1,85 @@
+"""Runs with fluids that need more than was thought, leave their domain, or are told too little."""
+
+import jax
+import numpy as np
+import pytest
+from fluids import column
+
+import jaxsph as sph
+from jaxsph import surroundings
+
+FIELDS = ("position", "velocity", "acceleration", "density_deviation", "density_gradient")
+RAISED_IN_JIT = (RuntimeError, ValueError)  # as one or the other jax hands on what a callback raised
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return column()
+
+
+def test_too_little_room_is_enlarged_in_a_plain_run_and_an_error_under_jit(scene):
+    whole = sph.simulate(scene, 0.02)
+    tight = sph.topologies(scene)
+    for a, b in surroundings.pairs_of(scene):
+        tight[f"{a}-{b}"] = surroundings.enlarged(tight[f"{a}-{b}"], 0.6)
+    run = sph.simulate(scene, 0.02, topologies_of_scene=tight)
+    for field in FIELDS:
+        # the neighbors are the same and in the same order; only the number of empty slots differs
+        largest = np.abs(whole["water"][field]).max()
+        np.testing.assert_allclose(run["water"][field], whole["water"][field], rtol=0, atol=1e-10 * largest)
+    of = lambda mu: sph.simulate(  # noqa: E731
+        scene.replace({"water.viscosity": mu}), 0.01, time_step=1e-3, topologies_of_scene=tight, mode="forward"
+    )
+    with pytest.raises(RAISED_IN_JIT, match="more neighbors than the neighbor list has slots"):
+        jax.block_until_ready(jax.jit(of)(1.0))
+
+
+def test_faster_than_stated(scene):
+    """A plain run builds its lists more often by itself; a compiled one cannot, and says so."""
+    fast = scene.replace({"water.velocity": (5.0, 0.0)})
+    often = sph.simulate(fast, 0.008, time_step=1e-3, max_speed=10.0)
+    seldom = sph.simulate(fast, 0.008, time_step=1e-3, max_speed=0.2)
+    assert often.time_step == seldom.time_step
+    for field in FIELDS:
+        largest = np.abs(often["water"][field]).max()
+        # sums over the same neighbors in another order
+        np.testing.assert_allclose(seldom["water"][field], often["water"][field], rtol=0, atol=1e-10 * largest)
+
+    def of(mu, max_speed):
+        changed = fast.replace({"water.viscosity": mu})
+        run = sph.simulate(
+            changed, 0.008, time_step=1e-3, max_speed=max_speed, mode="forward", topologies_of_scene=found
+        )
+        return run["water"]["position"]
+
+    found = sph.topologies(fast)
+    with pytest.raises(RAISED_IN_JIT, match="larger max_speed, or take a smaller time_step"):
+        jax.block_until_ready(jax.jit(of, static_argnames="max_speed")(1.0, 0.2))
+
+
+def test_a_particle_that_leaves_the_domain_stops_the_run():
+    scene = column(domain=((-0.2, -0.2), (0.75, 0.5)), velocity=(0.0, 5.0))
+    with pytest.raises(sph.ParticleOutside, match=r"stopped at or before step \d+ .* left the domain; widen") as caught:
+        sph.simulate(scene, 0.08, 0.01, time_step=1e-3)
+    kept = caught.value.trajectory
+    assert 2 <= len(kept.times) < 9
+    assert np.asarray(kept["water"]["position"])[-1, :, 1].max() < 0.5
+
+
+def test_a_step_that_is_too_large_is_refused(scene):
+    limit = sph.stable_time_step(scene) / 0.9
+    with pytest.raises(sph.UnstableTimeStep, match="larger than the largest stable one"):
+        sph.simulate(scene, 0.01, time_step=1.01 * limit)
+    thick = scene.replace({"water.viscosity": 1e4})
+    assert sph.stable_time_step(thick) == pytest.approx(0.9 * 0.25 * 0.075**2 / 10), "h^2 / (4 nu)"
+    assert 0.9 * limit == pytest.approx(0.9 * 0.8 * 0.075 / 20), "h / c"
+
+
+def test_what_has_to_be_stated_under_jit(scene):
+    of = lambda c, **options: sph.simulate(scene.replace({"water.sound_speed": c}), 0.01, **options)  # noqa: E731
+    with pytest.raises(ValueError, match="time_step is needed when numbers of the scene are traced"):
+        jax.jit(lambda c: of(c))(20.0)
+    with pytest.raises(ValueError, match="max_speed is needed when the sound speed is traced"):
+        jax.jit(lambda c: of(c, time_step=1e-3))(20.0)
+    with pytest.raises(ValueError, match="the smoothing length are traced"):
+        jax.jit(lambda h: sph.simulate(scene.replace({"smoothing_length": h}), 0.01, time_step=1e-3))(0.075)
