@@ -70,11 +70,6 @@ class Scene:
         if smoothing_length is not None:
             checks.check_positive("smoothing_length", smoothing_length, "m")
             smoothing_length = as_real(smoothing_length, real)
-        if flows and any(isinstance(system, Structure) for system in systems):
-            raise ValueError(
-                "a scene with fluids and structures needs their coupling, which is not there yet: they would pass "
-                "through each other. Put them into two scenes"
-            )
         if not flows and domain is None and any(isinstance(system, Wall) for system in systems):
             raise ValueError("a scene with walls needs a fluid; a structure is held by `clamped`")
         set_field = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731

@@ -16,6 +16,7 @@ import jaxsph as sph
 from jaxsph import plot
 from jaxsph.geometry import tank
 from jaxsph.plot.figure import LIGHT_GRAY
+from jaxsph.pytree import replace
 
 SPACING = 0.01
 
@@ -232,8 +233,12 @@ def run():
     water = sph.Fluid("water", sph.box((0, 0), (0.5, 0.6), dx), 1000.0, 20.0, pressure=lambda x: 1e4 * (0.6 - x[:, 1]))
     basin = sph.Wall("basin", tank((0, 0), (1.5, 0.8), dx, 4))
     plate = sph.Structure("plate", sph.box((1, 0), (0.1, 0.3), 0.05, on_surface=True), 1e3, 1e6, 0.3, velocity=(1, 0))
-    scene = sph.Scene(water, basin, plate, gravity=(0.0, -10.0), smoothing_length=1.75 * dx)
-    return sph.simulate(scene, 0.02, 0.01)
+    shared = {"gravity": (0.0, -10.0), "smoothing_length": 1.75 * dx}
+    flow = sph.simulate(sph.Scene(water, basin, **shared), 0.02, 0.01)
+    solid = sph.simulate(sph.Scene(plate, **shared), 0.02, 0.01)
+    # two runs side by side: in one run fluids and structures would have to be coupled
+    both = replace(flow.states, systems={**flow.states.systems, **solid.states.systems})
+    return sph.Trajectory(sph.Scene(water, basin, plate, **shared), both, flow.time_step)
 
 
 def test_a_picture_of_all_systems(run):

@@ -26,9 +26,9 @@ class ParticleShifting:
     particles keep their density and velocity, as in P.-N. Sun et al. (2017), Comput. Methods Appl. Mech. Eng. 315, 25.
 
     At a free surface the sum points out of the fluid, whatever the particles do. With `free_surface` the part of dv
-    along the normal fades out as the cover C = -sum_b V_b x_ab . grad W / d falls from .95 (inside it is 1) to .75, and
-    all of dv from .6 to .4 (spray), both smoothly. The idea of leaving out the normal part is that of S. J. Lind, R. Xu,
-    P. K. Stansby, B. D. Rogers (2012), J. Comput. Phys. 231, 1499, section 3.
+    along the normal fades out as the cover C = -sum_b V_b x_ab . grad W / d, which is 1 inside, falls from .95 to .75,
+    and all of dv from .6 to .4 (spray), both smoothly. The idea of leaving out the normal part is that of S. J. Lind,
+    R. Xu, P. K. Stansby, B. D. Rogers (2012), J. Comput. Phys. 231, 1499, section 3.
 
     Attributes:
         speed: the flow's own, U [m/s]; None takes a tenth of the sound speed.

@@ -59,11 +59,11 @@ def drop(quick: bool) -> Iterator[list[Row]]:
         whole = now <= period * 1.0001
         errors = np.abs(axes[whole] - np.stack([np.interp(now[whole], times, value) for value in (a, b)], axis=1))
         difference = axes[:, 0] - axes[:, 1]
-        crossing = [
+        crossing = next(
             now[i] - difference[i] * (now[i + 1] - now[i]) / (difference[i + 1] - difference[i])
             for i in range(80, len(now) - 1)
             if difference[i] < 0 <= difference[i + 1]
-        ][0]
+        )
         limits = (2e-3, 0.005) if particles == 20 else (None, None)
         where = (f"R / dx = {particles}", precision(dtype))
         momenta = np.asarray(jax.vmap(jaxsph.observe.linear_momentum, (None, 0))(scene, run.states), float)
