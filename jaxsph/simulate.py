@@ -98,8 +98,8 @@ def simulate(
         raise ValueError(f"mode {mode!r} must be 'reverse' or 'forward'")
     if scene.fluids and scene.structures:
         raise ValueError(
-            "the coupling of fluids and structures is not there yet: in one run they would pass through each other. Put "
-            "them into two scenes"
+            "the coupling of fluids and structures is not there yet: in one run they would pass through each other. "
+            "Put them into two scenes"
         )
     n_saves, save_every = _intervals(t_end, save_every)
     traced = not is_concrete(scene, state)
