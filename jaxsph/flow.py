@@ -413,7 +413,7 @@ def wall_states(scene, references, columns, placed, pressures, lists, *, forward
                 weight = weight + part["weight"]
                 total, moving = total + part.get("pressure", 0.0), moving + part.get("velocity", 0.0)
             # Where nothing is near there is nothing to extrapolate. The limit is so low that the kernel's gradient
-            # has faded there: at 1e-3 the force jumps by that much when fluid comes near, and gradients are off by as much.
+            # has faded there: at 1e-3 the force jumps by that much when fluid comes near, which gradients do not see.
             near = weight > 1e-12 * scene.kernel.w(jnp.zeros(scene.dimension, scene.dtype), scene.smoothing_length)
             safe = jnp.where(near, weight, 1.0)
             if model.extrapolates:

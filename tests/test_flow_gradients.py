@@ -1,9 +1,9 @@
 """Gradients through a hundred steps of a fluid: forward and reverse mode against finite differences.
 
 Of a vortex in a periodic box and of a column of water that falls apart in a tank, for every way to get the density and
-every effect that is smooth. `ArtificialViscosity` is not: it acts on approaching pairs, its derivative jumps where a
-pair turns around, and a finite difference across such a turn is the mean of two slopes. Nor are wall pressures clipped at
-zero.
+every effect that is smooth. `ArtificialViscosity` is not: it acts on approaching pairs, so that its derivative jumps
+where a pair turns around, and a finite difference across such a turn is the mean of two slopes. Nor are wall pressures
+clipped at zero.
 """
 
 import jax
