@@ -55,7 +55,7 @@ class Health:
         """Nothing went wrong."""
         return cls(jnp.int32(GOOD), jnp.int32(-1), jnp.zeros((), dtype), jnp.zeros((), dtype))
 
-    def note(self, wrong, reason: int, step, number=0.0, limit=0.0) -> Health:
+    def note(self, wrong, reason: int, step, number: Any = 0.0, limit: Any = 0.0) -> Health:
         """Remember a failure if there is one and none came before it."""
         first = wrong & (self.reason == GOOD)
         dtype = self.number.dtype

@@ -63,6 +63,12 @@ class Scene:
         checks.check_finite("gravity", gravity, (d,))
         _check_effects(effects, systems)
         flows = [system for system in systems if isinstance(system, Fluid)]
+        for effect in effects if density is not None and density.summed else ():
+            if getattr(effect, "density_flux", None) is not None:
+                raise ValueError(
+                    f"{type(effect).__name__} changes the rate of a density, and {type(density).__name__} has no rate; "
+                    "leave it out, or take ContinuityDensity()"
+                )
         if domain is not None and domain.dimension != d:
             raise ValueError(f"the domain has {domain.dimension} axes, the particles {d}")
         if smoothing_length is None and flows:

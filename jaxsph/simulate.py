@@ -243,6 +243,7 @@ def _advance(
         lists, _ = _lists(scene, references, columns, found, time_of(numbers[0]))
         step = checkpointed(lambda carry, number, lists: one_step(carry, number, lists))
         columns, _ = jax.lax.scan(lambda carry, number: step(carry, number, lists), columns, numbers)
+        assert lists is not None  # this is for scenes with fluids
         placed = place_walls(scene, references, time_of(numbers[-1] + 1))
         positions = positions_of(scene, columns, placed)
         health = surroundings.note(health, lists, positions, state.step + numbers[-1] + 1)
@@ -378,12 +379,17 @@ def _states(scene, references, columns, state, found, time_step, n_saves, option
 
 
 def _to_next_save(scene, references, columns, state, found, time_step, options):
-    """One interval; again, with more room or more frequent builds, if the neighbor lists did not suffice."""
+    """One interval; again, with more room, skin or more frequent builds, if the neighbor lists did not suffice."""
     while True:
         advanced, new = _advance_compiled(scene, references, columns, found, state, time_step, **options)
         reason = int(new.health.reason) if scene.fluids else GOOD
         if reason == BEYOND_SKIN and options["rebuild_every"] > 1:
             options = {**options, "rebuild_every": options["rebuild_every"] // 2}
+        elif reason == BEYOND_SKIN and np.isfinite(float(new.health.number)):
+            # One step alone is too much for this skin: the fluid is faster than a few times its sound speed's tenth.
+            placed = place_walls(scene, references, state.time)
+            positions = positions_of(scene, columns, placed)
+            found = {**found, **surroundings.allocate(scene, positions, skin=2 * float(new.health.limit))}
         elif reason == OVERFLOW and np.isfinite(float(new.health.number)):
             found = _with_room(scene, found)
         else:

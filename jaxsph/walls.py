@@ -193,12 +193,13 @@ class Wall:
     def placed(self, positions, time):
         """Positions, velocities and accelerations (d, N) at a time [s] of particles at positions (d, N) at t = 0."""
         zero = jnp.zeros_like(positions)
-        if self.motion is None:
+        motion = self.motion
+        if motion is None:
             velocity = zero if self.velocity is None else zero + jnp.asarray(self.velocity)[:, None]
             return positions, velocity, zero
 
         def place(t):
-            displacement = self.motion(t, positions.T)
+            displacement = motion(t, positions.T)
             if displacement.shape != positions.T.shape:
                 raise ValueError(
                     f"motion of {self.name!r} returned the shape {displacement.shape}; it must be {positions.T.shape}"

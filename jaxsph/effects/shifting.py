@@ -50,7 +50,7 @@ class ParticleShifting:
         clumped = (pair.value / pair.value_at_spacing) ** 4
         return a["volume"] * b["volume"] * (1 + 0.2 * clumped) * pair.gradient
 
-    def velocity(self, crowding, support_radius, sound_speed, *, cover=None, normal=None):
+    def velocity(self, crowding, support_radius, sound_speed, *, cover: Any = None, normal: Any = None):
         """dv (d, N) [m/s].
 
         Args:

@@ -33,11 +33,11 @@ def density_rates(scene, references, columns, placed, lists, *, forward_mode=Fal
 
             carry = shifting is not None and not shifting.free_surface and same
 
-            def of_pair(a, b, pair, active=active, carry=carry):
+            def of_pair(a, b, pair, active=active, carry=shifting if carry else None):
                 moving = dot(a["velocity"] - b["velocity"], pair.gradient)
                 out = {"divergence": scene.density.divergence(a, b, moving)}
-                if carry:
-                    out["carried"] = shifting.carried(a, b, b["density"] - a["density"], pair)
+                if carry is not None:
+                    out["carried"] = carry.carried(a, b, b["density"] - a["density"], pair)
                 fluxes = [effect.density_flux(a, b, pair) for effect in active]
                 return out | ({"flux": sum(fluxes)} if fluxes else {})
 

@@ -68,7 +68,7 @@ def oscillating_drop(
         velocity=lambda x: rate * x * np.array([1.0, -1.0]),
         pressure=lambda x: strength * (radius**2 - np.sum(x**2, axis=1)),
     )
-    listed = [DeltaDiffusion(0.1)] if effects is None else list(effects)
+    listed: list = [DeltaDiffusion(0.1)] if effects is None else list(effects)
     if frequency:
         listed.append(BodyForce(_TowardsCenter(frequency)))
     reach = 6 * radius

@@ -62,8 +62,8 @@ def rigid_rotation(quick: bool) -> Iterator[list[Row]]:
 
             @jax.jit
             def look(state, scene=scene, found=found):
-                rates = accelerations(scene, prepare(scene, found), to_columns(state.systems, found))
-                return jaxsph.observe.stresses(scene, state, "body", found)["pk1"], rates["body"]
+                rates = accelerations(scene, prepare(scene, found), to_columns(state.systems, found), state.time)
+                return jaxsph.observe.stresses(scene, state, "body", found)["pk1"], rates["body"]["acceleration"]
 
             for degrees in ANGLES:
                 state = deformed(scene, rotation(dimension, degrees) - np.eye(dimension))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+from typing import Any
 
 import jax
 import numpy as np
@@ -163,7 +164,8 @@ def lamb(nu: float, k: float, inviscid: float) -> complex:
         value = (n + 2 * nu * k**2) ** 2 + inviscid**2 - 4 * nu**2 * k**3 * np.sqrt(k**2 + n / nu)
         return [value.real, value.imag]
 
-    return complex(*fsolve(residual, [-2 * nu * k**2, inviscid]))
+    found: Any = fsolve(residual, [-2 * nu * k**2, inviscid])
+    return complex(found[0], found[1])
 
 
 def front(quick: bool) -> Iterator[list[Row]]:
