@@ -16,6 +16,7 @@ import jaxsph as sph
 from jaxsph import plot
 from jaxsph.geometry import tank
 from jaxsph.plot.figure import LIGHT_GRAY
+from jaxsph.plot.layers import time_text
 from jaxsph.pytree import replace
 
 SPACING = 0.01
@@ -249,7 +250,7 @@ def test_a_picture_of_all_systems(run):
     walls, fluid, structure = axes.collections
     for disks, name in ((walls, "basin"), (fluid, "water"), (structure, "plate")):
         np.testing.assert_allclose(np.asarray(disks.get_offsets()), run.positions(name)[-1], rtol=1e-15)
-    assert walls.get_array() is None and tuple(walls.get_facecolor()[0]) == to_rgba(LIGHT_GRAY)
+    assert walls.get_array() is None and tuple(np.asarray(walls.get_facecolor())[0]) == to_rgba(LIGHT_GRAY)
     pressure = np.asarray(sph.observe.pressure(run.scene, run.final, "water"))
     np.testing.assert_allclose(np.asarray(fluid.get_array()), pressure, rtol=1e-12)  # the same operations
     assert fluid.get_cmap().name != structure.get_cmap().name, "two quantities look different"
@@ -294,7 +295,7 @@ def test_snapshot_of_a_fluid(run, color):
 def test_snapshot_of_a_wall_is_gray(run):
     figure = plot.snapshot(run, "basin")
     (disks,) = figure.axes[0].collections
-    assert disks.get_array() is None and tuple(disks.get_facecolor()[0]) == to_rgba(LIGHT_GRAY)
+    assert disks.get_array() is None and tuple(np.asarray(disks.get_facecolor())[0]) == to_rgba(LIGHT_GRAY)
     with pytest.raises(ValueError, match=r"color 'pressure' is not known; choose one of \[\], or None"):
         plot.snapshot(run, "basin", color="pressure")
     with pytest.raises(ValueError, match="color 'salinity' is not known"):
@@ -309,4 +310,4 @@ def test_a_film_of_all_systems(run, tmp_path):
 
 @pytest.mark.parametrize(("times", "text"), [([0.0, 0.4], "t = 0.400 s"), ([0.0, 2.5e-5], "t = 0.000025 s")])
 def test_time_has_the_decimals_that_a_run_needs(times, text):
-    assert plot.layers.time_text(np.array(times), 1) == text
+    assert time_text(np.array(times), 1) == text

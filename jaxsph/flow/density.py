@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax.numpy as jnp
 
 from jaxsph.effects import ParticleShifting
@@ -33,7 +35,7 @@ def density_rates(scene, references, columns, placed, lists, *, forward_mode=Fal
 
             carry = shifting is not None and not shifting.free_surface and same
 
-            def of_pair(a, b, pair, active=active, carry=shifting if carry else None):
+            def of_pair(a, b, pair, active: list = active, carry: Any = shifting if carry else None) -> dict:
                 moving = dot(a["velocity"] - b["velocity"], pair.gradient)
                 out = {"divergence": scene.density.divergence(a, b, moving)}
                 if carry is not None:

@@ -42,7 +42,17 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
             viscous = fluid.viscosity is not None and (other.no_slip if wall else other.viscosity is not None)
             active = [effect for effect in effects if effect.with_walls or not wall]
 
-            def of_pair(a, b, pair, fluid=fluid, other=other, wall=wall, viscous=viscous, active=active, same=same):
+            def of_pair(
+                a,
+                b,
+                pair,
+                fluid: Any = fluid,
+                other: Any = other,
+                wall: bool = wall,
+                viscous: bool = viscous,
+                active: list = active,
+                same: bool = same,
+            ) -> dict:
                 if wall and "pressure" not in b:
                     b = {**b, "pressure": other.pressure.of_pair(a["pressure"])}
                 force = scene.density.pressure_force(a, b, pair.gradient)
