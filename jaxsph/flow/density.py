@@ -23,7 +23,8 @@ def density_rates(scene, references, columns, placed, lists, *, forward_mode=Fal
     rates = {}
     for fluid in scene.fluids:
         own = fluid_fields(fluid, references[fluid.name], columns[fluid.name])
-        divergence = flux = 0.0
+        divergence: Any = 0.0
+        flux: Any = 0.0
         for other, neighbors in partners(scene, fluid, lists):
             same, wall = other is fluid, not isinstance(other, Fluid)
             if wall:

@@ -64,7 +64,9 @@ def pressure(fluid: Fluid, columns: dict):
     return fluid.state_equation.pressure(columns["density_deviation"], fluid.density, fluid.sound_speed)
 
 
-def over_pairs(scene, fluid, of_pair, receivers, senders, neighbors, symmetry=None, forward_mode=False):
+def over_pairs(
+    scene, fluid, of_pair: Any, receivers, senders, neighbors, symmetry: Any = None, forward_mode=False
+) -> Any:
     """Sum of_pair(a, b, pair) where a and b have all their fields; numbers shared by a system are not gathered."""
     kernel, h = scene.kernel, scene.smoothing_length
     at_spacing = kernel.w(jnp.zeros(scene.dimension, scene.dtype).at[0].set(scene.spacing), h)
