@@ -47,7 +47,7 @@ def density_rates(scene, references, columns, placed, lists, *, forward_mode=Fal
             symmetry = None
             if same:
                 symmetry = {"divergence": 1} | ({"flux": -1} if active else {}) | ({"carried": 1} if carry else {})
-            total = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode)
+            total = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode)  # pyright: ignore
             divergence = divergence + total["divergence"]
             flux = flux + total.get("flux", 0.0) + total.get("carried", 0.0)
         volume = own["mass"] / own["density"]

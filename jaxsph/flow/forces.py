@@ -88,7 +88,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                 symmetry |= {"cover": 1, "normal": -1} if covered else {}
                 symmetry |= {"moment": 1, "density_gradient": 1} if delta is not None else {}
                 symmetry = symmetry if all(effect.symmetric for effect in active) else None
-            part = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode)
+            part = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode)  # pyright: ignore
             totals = {name: totals.get(name, 0.0) + part.get(name, 0.0) for name in {**totals, **part}}
         out[fluid.name] = _finish(scene, fluid, own, totals, outside, shifting, delta, time)
     return out
