@@ -24,7 +24,7 @@ calibrate: $(VENV)/.calibrate
 	$(BIN)/python examples/calibrate_beam.py --out out --json out/calibrate_beam.json $(ARGS)
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest $(ARGS)
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile $(ARGS)
 
 validate: $(VENV)/.dev
 	@mkdir -p docs/results
