@@ -17,7 +17,7 @@ from jaxsph.structure import Reference, Structure, elastic_acceleration, referen
 
 @pytree_dataclass
 class Order:
-    """The order of a system's particles in memory: near each other there if near in space at the start.
+    """The order of a system's particles in memory: near each other there if near in space.
 
     Attributes:
         order: (N,) the user's index of each particle in this order.
@@ -26,6 +26,24 @@ class Order:
 
     order: Any
     rank: Any
+
+    @classmethod
+    def of(cls, order: np.ndarray) -> Order:
+        """With the rank that belongs to an order."""
+        rank = np.empty(len(order), np.int64)
+        rank[order] = np.arange(len(order))
+        return cls(order.astype(np.int32), rank.astype(np.int32))
+
+
+def in_cell_order(scene, positions) -> np.ndarray:
+    """The permutation (N,) that puts known positions (N, d) in the order of cells as wide as the support radius.
+
+    It depends on nothing but where the particles are, so that a run that is continued has the order of one that was not
+    interrupted, and the same bits.
+    """
+    positions = np.asarray(positions, np.float64)
+    cells = np.floor(positions / float(scene.kernel.support_radius(np.asarray(scene.smoothing_length))))
+    return np.lexsort([*positions.T[::-1], *cells.T[::-1]])
 
 
 def topologies(scene, state=None, *, skin=None, capacity_multiplier=surroundings.CAPACITY_MULTIPLIER) -> dict[str, Any]:
@@ -53,12 +71,8 @@ def topologies(scene, state=None, *, skin=None, capacity_multiplier=surroundings
                 f"the positions of {system.name!r} or the smoothing length are traced, so neighbors cannot be found "
                 "here; compute jaxsph.topologies(scene) outside of jit/grad and pass it as topologies_of_scene="
             )
-        start = np.asarray(system.particles.positions, np.float64)
-        cells = np.floor(start / float(scene.kernel.support_radius(np.asarray(scene.smoothing_length))))
-        order = np.lexsort([*start.T[::-1], *cells.T[::-1]])
-        rank = np.empty(len(order), np.int64)
-        rank[order] = np.arange(len(order))
-        found[system.name] = Order(order.astype(np.int32), rank.astype(np.int32))
+        order = in_cell_order(scene, here)
+        found[system.name] = Order.of(order)
         positions[system.name] = np.asarray(here)[order].T
     if scene.fluids:
         # Known positions stay known inside jit too.

@@ -15,8 +15,10 @@ import numpy as np
 from jaxsph import checks, surroundings
 from jaxsph.dynamics import (
     SAFETY,
+    Order,
     accelerations,
     constrain,
+    in_cell_order,
     largest_stable,
     largest_stable_time_step,
     place_walls,
@@ -376,6 +378,20 @@ def _states(scene, references, columns, state, found, time_step, n_saves, option
     for _ in range(n_saves):
         columns, state, found, options = _to_next_save(scene, references, columns, state, found, time_step, options)
         yield jax.device_get(_with_rows(state, columns, found))
+        references, columns, found = _in_cell_order(scene, references, columns, found)
+
+
+def _in_cell_order(scene, references, columns, found):
+    """Fluids put in cell order again, so that neighbors stay near each other in memory."""
+    references, columns, found = dict(references), dict(columns), dict(found)
+    for fluid in scene.fluids:
+        name = fluid.name
+        permutation = in_cell_order(scene, np.asarray(columns[name]["position"]).T)
+        found[name] = Order.of(np.asarray(found[name].order)[permutation])
+        columns[name] = {field: value[..., permutation] for field, value in columns[name].items()}
+        mass = references[name].mass
+        references[name] = replace(references[name], mass=mass[permutation] if jnp.ndim(mass) else mass)
+    return references, columns, found
 
 
 def _to_next_save(scene, references, columns, state, found, time_step, options):
