@@ -27,10 +27,12 @@ import motion  # noqa: E402
 import patch  # noqa: E402
 import pulse  # noqa: E402
 import static  # noqa: E402
+import viscosity_fits  # noqa: E402
 from rows import Case, as_record, heading, holds, line, load, merge, save  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-CASES: list[Case] = [case for group in (patch, static, motion, pulse, gradient, fits, cost) for case in group.CASES]
+GROUPS = (patch, static, motion, pulse, gradient, fits, viscosity_fits, cost)
+CASES: list[Case] = [case for group in GROUPS for case in group.CASES]
 
 
 def chosen(only: str | None) -> list[Case]:
