@@ -6,9 +6,13 @@ import itertools
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
+import jax
 import numpy as np
 
 from inverse.transforms import Transform
+
+LOOKS = 5  # states of a run, spread evenly, in which neighbors are counted
+SPEED_MARGIN = 1.1
 
 
 class JaxsphSimulation:
@@ -16,6 +20,10 @@ class JaxsphSimulation:
 
     The time step is the smallest stable one over the corners of the bounds, so that it never depends on a
     traced value: a fit does not change its own discretization while it moves.
+
+    With fluids the starting values are run once with plain numbers. From that run come the room that neighbor
+    lists get, because a lattice crowds when it breaks up, and the top speed, which says how often they are
+    built. Neither changes a result: a run that needs more raises.
     """
 
     def __init__(
@@ -39,19 +47,61 @@ class JaxsphSimulation:
             time_step = min(steps)
         self.time_step = time_step
         self.save_every = common_interval(times) if save_every is None else save_every
+        self._options: dict[str, Any] = {}
+        if scene.fluids:
+            rehearsal = self._run(replace(scene, {name: t.start[()] for name, t in unknown.items()}), times)
+            fastest = [max_speed(rehearsal), *(max_speed_expected(replace(scene, c)) for c in corners(unknown))]
+            self._options = {"topologies_of_scene": topologies_of_run(rehearsal), "max_speed": max(fastest)}
 
     def __call__(self, scene: Any, times: np.ndarray, mode: str):
+        return self._run(scene, times, mode=mode).at(times)
+
+    def _run(self, scene: Any, times: np.ndarray, **options: Any):
         import jaxsph
 
         intervals = max(1, int(np.ceil(times[-1] / self.save_every - 1e-9)))
-        run = jaxsph.simulate(
+        return jaxsph.simulate(
             scene,
             t_end=intervals * self.save_every,
             save_every=self.save_every,
             time_step=self.time_step,
-            mode=mode,
+            **self._options,
+            **options,
         )
-        return run.at(times)
+
+
+def topologies_of_run(run: Any) -> dict[str, Any]:
+    """What `jaxsph.topologies` gives for the state in which each pair of systems needs most room for neighbors."""
+    import jaxsph
+
+    last = len(run.times) - 1
+    chosen = sorted({round(last * part / (LOOKS - 1)) for part in range(LOOKS)})
+    found = [jaxsph.topologies(run.scene, jax.tree.map(lambda leaf, i=i: leaf[i], run.states)) for i in chosen]
+    return {name: max((each[name] for each in found), key=_room) for name in found[0]}
+
+
+def _room(topology: Any) -> int:
+    """Size of a neighbor list's arrays. Other topologies are the same in all states."""
+    lists = [getattr(topology, "transpose", None), topology]
+    capacities = [part.capacity for part in lists if hasattr(part, "capacity")]
+    return sum(c.slots * max(c.range, 1) * max(c.range_round, 1) for c in capacities)
+
+
+def max_speed(run: Any) -> float:
+    """Largest speed [m/s] of fluids and walls in the saved states, and a tenth more for what was between them."""
+    squared = []
+    for system in [*run.scene.fluids, *run.scene.walls]:
+        fields = run[system.name]
+        if "velocity" in fields:
+            # shifted particles move with that on top of their velocity
+            moving = fields["velocity"] + fields.get("shift", 0.0)
+            squared.append(np.max(np.sum(np.square(moving), axis=-1)))
+    return SPEED_MARGIN * float(np.sqrt(max(squared)))
+
+
+def max_speed_expected(scene: Any) -> float:
+    """A tenth of the sound speed [m/s], up to which a fluid counts as weakly compressible, and a tenth more."""
+    return SPEED_MARGIN * max(0.1 * float(fluid.sound_speed) for fluid in scene.fluids)
 
 
 def corners(unknown: Mapping[str, Transform]) -> Iterator[dict[str, Any]]:

@@ -29,10 +29,11 @@ import patch  # noqa: E402
 import pulse  # noqa: E402
 import static  # noqa: E402
 import surfaces  # noqa: E402
+import viscosity_fits  # noqa: E402
 from rows import Case, as_record, heading, holds, line, load, merge, save  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-GROUPS = (patch, static, motion, pulse, gradient, fits, cost, flows, surfaces)
+GROUPS = (patch, static, motion, pulse, gradient, fits, viscosity_fits, cost, flows, surfaces)
 CASES: list[Case] = [case for group in GROUPS for case in group.CASES]
 
 
