@@ -9,6 +9,7 @@ field. In 3D only the start is known, 1/8 exp(-24 pi^2 t / Re): from there on st
 import argparse
 from pathlib import Path
 
+import matplotlib.figure
 import numpy as np
 
 import jaxsph as sph
@@ -36,9 +37,7 @@ def main(particles=40, t_end=1.0, dimension=2, out=None, picture=None):
 
 
 def draw(run, times, energy, exact, known, picture):
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(13, 3.6), layout="constrained", dpi=130)
+    figure = matplotlib.figure.Figure(figsize=(13, 3.6), layout="constrained", dpi=130)
     *panels, graph = figure.subplots(1, 4, width_ratios=(1, 1, 1, 1.1))
     view = None if run.scene.dimension == 2 else (-30, 25)
     plot.moments(run, times[-1] * np.array([0, 0.5, 1]), color="velocity", view=view, axes=panels)
