@@ -23,7 +23,7 @@ MEASURED_Z = (1.217, 1.474, 2.292, 2.995, 4.134)
 def main(particles=28, t_end=0.8, depth=None, out=None, picture=None):
     """Run the collapse with `particles` over the height to t_end [s]; return the run."""
     scene = sph.scenes.dam_break(
-        particles, height=2 * WIDTH, width=WIDTH, tank_length=4 * WIDTH, tank_height=3.5 * WIDTH, depth=depth
+        particles, height=2 * WIDTH, width=WIDTH, tank_length=4 * WIDTH, tank_height=7 * WIDTH, depth=depth
     )
     run = sph.simulate(scene, t_end, t_end / 80, progress=True, out=out)
     front = np.asarray(run.observe(lambda scene, state: observe.surge_front(scene, state, "water"))) / WIDTH
@@ -36,12 +36,11 @@ def main(particles=28, t_end=0.8, depth=None, out=None, picture=None):
 
 
 def draw(run, times, front, picture):
-    figure = matplotlib.figure.Figure(figsize=(13, 6), layout="constrained", dpi=130)
-    left, right = figure.subfigures(1, 2, width_ratios=(2, 1))
+    figure = matplotlib.figure.Figure(figsize=(13, 4.4), layout="constrained", dpi=130)
+    *panels, graph = figure.subplots(1, 5, width_ratios=(1, 1, 1, 1, 1.6))
     name, view = (None, None) if run.scene.dimension == 2 else ("water", (-25, 20))
-    moments = float(run.times[-1]) * np.array([0.25, 0.4, 0.65, 1])
-    plot.moments(run, moments, name, "velocity", view=view, axes=list(left.subplots(2, 2).flat))
-    graph = right.subplots()
+    moments = float(run.times[-1]) * np.array([0.25, 0.35, 0.6, 1])
+    plot.moments(run, moments, name, "velocity", view=view, axes=panels)
     graph.plot(times[front < 3.98], front[front < 3.98], label="SPH")
     graph.plot(MEASURED_T, MEASURED_Z, "o", color="k", mfc="none", label="Martin and Moyce")
     graph.set(xlabel=r"$t\ \sqrt{2g/a}$", ylabel="surge front / a")

@@ -47,7 +47,8 @@ def draw(run, times, found, known, picture):
         graph.plot(times, known[k], "k-", lw=1, label="exact" if k == 0 else None)
         graph.plot(times[::4], found[k, ::4], "o", ms=4, label=f"SPH, {name}")
     graph.set(xlabel="time [s]", ylabel="semi-axis [m]")
-    graph.legend(frameon=False)
+    graph.set_ylim(0.65, 1.7)
+    graph.legend(frameon=False, ncols=3)
     Path(picture).parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture)
 
