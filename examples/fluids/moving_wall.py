@@ -1,7 +1,7 @@
 """A wall pushes still water along a tank, and a bore runs ahead of it.
 
-Depth behind the bore and its speed are compared with the jump of shallow water: U = (h - h0) sqrt(g (h + h0) / (2 h h0))
-for a wall of speed U, and h U / (h - h0) for the bore. A weak bore, as this, carries waves on its back.
+Depth behind it and its speed are compared with the jump of shallow water: U = (h - h0) sqrt(g (h + h0) / (2 h h0)) for
+a wall of speed U, and h U / (h - h0) for the bore. A weak bore, as this, carries waves on its back.
 
     python examples/fluids/moving_wall.py --particles 20 --speed 0.8
 """
@@ -32,7 +32,7 @@ def main(particles=12, t_end=1.2, speed=0.6, out=None, picture="docs/images/flui
     mean = float(np.mean(depth[-1][(x > wall + 0.2) & (x < fronts[-1] - 0.2)]))
     bore, known = np.polyfit(late, fronts, 1)[0], speed * behind / (behind - DEPTH)
     print(f"depth behind the bore {mean:.3f} m, jump {behind:.3f} m; bore {bore:.2f} m/s, jump {known:.2f} m/s")
-    figure = plot.moments(run, t_end * np.array([0.0, 0.33, 0.67, 1]), columns=1, color="velocity")
+    figure = plot.moments(run, t_end * np.array([0.0, 0.33, 0.67, 1]), columns=2, color="velocity")
     Path(picture).parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture)
     return run
