@@ -20,11 +20,8 @@ RATE, FREQUENCY = 0.5, 1.0  # 1/s, rad/s
 
 def exact(times):
     """Semi-axes (2, T) over the radius; the velocity is (s x, -s y)."""
-
-    def slopes(_, state):
-        s, a, b = state
-        return [(s**2 + FREQUENCY**2) * (b**2 - a**2) / (a**2 + b**2), s * a, -s * b]
-
+    bend = lambda s, a, b: (s**2 + FREQUENCY**2) * (b**2 - a**2) / (a**2 + b**2)  # noqa: E731
+    slopes = lambda t, state: (bend(*state), state[0] * state[1], -state[0] * state[2])  # noqa: E731
     return solve_ivp(slopes, (0, times[-1]), [RATE, 1, 1], t_eval=times, rtol=1e-9, atol=1e-9).y[1:]
 
 

@@ -15,20 +15,17 @@ import numpy as np
 import jaxsph as sph
 from jaxsph import observe, plot
 
-HEIGHT = 0.9  # m
-SCALE = 1000 * 9.81 * HEIGHT  # Pa, on the floor
+HEIGHT, SCALE = 0.9, 1000 * 9.81 * 0.9  # m; Pa on the floor
 
 
 def main(particles=20, t_end=2.0, out=None, picture="docs/images/fluids/still_water.png"):
     """Run tank and column with `particles` over the height to t_end [s]; return the runs by name."""
-    dx = HEIGHT / particles
-    column = [round(particles / 4) * dx, HEIGHT]
-    narrow = sph.scenes.column_in_tank(column, [column[0], 1.2 * HEIGHT], dx, hydrostatic=False)
+    dx, width = HEIGHT / particles, round(particles / 4) * HEIGHT / particles
+    narrow = sph.scenes.column_in_tank((width, HEIGHT), (width, round(1.2 * particles) * dx), dx, hydrostatic=False)
     scenes = {"tank": sph.scenes.still_water(particles, height=HEIGHT), "column": narrow}
     runs = {}
     for name, scene in scenes.items():
-        file = out and Path(out).with_stem(f"{Path(out).stem}_{name}")
-        run = runs[name] = sph.simulate(scene, t_end, t_end / 200, progress=True, out=file)
+        run = runs[name] = sph.simulate(scene, t_end, t_end / 200, progress=True, out=out and out.format(name))
         water, pressure = run.final.systems["water"], observe.pressure(scene, run.final, "water")
         exact = SCALE * (1 - water["position"][:, 1] / HEIGHT)
         error, speed = np.linalg.norm(pressure - exact) / np.linalg.norm(exact), np.abs(water["velocity"]).max()
@@ -58,6 +55,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--particles", type=int, default=20, help="over the height (20)")
     parser.add_argument("--t-end", type=float, default=2.0, help="[s] (2)")
-    parser.add_argument("--out", help="VTKHDF file to write, one for each")
+    parser.add_argument("--out", help="VTKHDF file to write, with {} for the name")
     parser.add_argument("--picture", default="docs/images/fluids/still_water.png")
     main(**vars(parser.parse_args()))
