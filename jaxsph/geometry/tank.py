@@ -38,7 +38,7 @@ def tank(corner, size, spacing: float, layers: int = 3, *, sides: Sequence[str] 
     for name in sides:
         if name not in known:
             raise ValueError(f"side {name!r} is not known; a tank in {d}D has {', '.join(known)}")
-    inside = box(corner, size, spacing, dtype=np.float64)  # checks the sizes
+    inside = box(corner, size, spacing)  # checks the sizes
     cells = np.array([round(length / spacing) for length in size])
     step = size / cells
     before = [layers if pair[0] in sides else 0 for pair in names]

@@ -5,7 +5,17 @@ screen and inside other programs. matplotlib is imported by the first call (extr
 """
 
 from jaxsph.plot.disks import animate, particles
+from jaxsph.plot.moments import moments
 from jaxsph.plot.run import FLUID_COLORS, STRUCTURE_COLORS, animate_trajectory, snapshot
 from jaxsph.plot.series import time_series
 
-__all__ = ["FLUID_COLORS", "STRUCTURE_COLORS", "animate", "animate_trajectory", "particles", "snapshot", "time_series"]
+__all__ = [
+    "FLUID_COLORS",
+    "STRUCTURE_COLORS",
+    "animate",
+    "animate_trajectory",
+    "moments",
+    "particles",
+    "snapshot",
+    "time_series",
+]

@@ -83,24 +83,18 @@ class Layer:
 
 def draw(layers: Sequence[Layer], *, title: str = "", frame: int = 0, axes: Axes | None = None) -> Figure:
     """A picture of a frame of layers, the first at the bottom, at equal aspect, in a new figure or in given axes."""
-    bars = [layer for k, layer in enumerate(layers) if _has_bar(layers, k)]
-    low, high = _bounds(layers)
+    bars = [layer for k, layer in enumerate(layers) if has_bar(layers, k)]
+    low, high = bounds(layers)
     if axes is None:
         figure = new_figure(_WIDTH, _height(high - low, len(bars)), "compressed")
         panel = figure.subplots()
     else:
         figure, panel = cast("Figure", axes.get_figure(root=True)), axes
-    drawn = [_disks(panel, layer, frame) for layer in layers]
-    _view(panel, low, high, max(layer.spacing for layer in layers))
+    drawn = [add_disks(panel, layer, frame) for layer in layers]
+    set_view(panel, low, high, max(layer.spacing for layer in layers))
     for layer, disks in zip(layers, drawn, strict=True):
         if any(layer is bar for bar in bars):
-            numbers = matplotlib("ticker").ScalarFormatter(useMathText=True)
-            numbers.set_powerlimits(POWERS)
-            bar = figure.colorbar(disks, ax=panel, format=numbers, aspect=24, pad=0.02, extend=layer.beyond)
-            bar.set_label(with_unit(layer.label, layer.unit), fontsize=MEDIUM)
-            bar.ax.tick_params(labelsize=SMALL)
-            bar.ax.yaxis.get_offset_text().set_fontsize(SMALL)
-            bar.outline.set_visible(False)
+            color_bar(figure, disks, layer, panel)
     panel.set_title(title, fontsize=LARGE, loc="left")
     return figure
 
@@ -191,13 +185,13 @@ def _limits(values: np.ndarray | None, limits: tuple[SupportsFloat, SupportsFloa
     return (low, high) if low < high else (low - 0.5, high + 0.5)
 
 
-def _has_bar(layers: Sequence[Layer], k: int) -> bool:
+def has_bar(layers: Sequence[Layer], k: int) -> bool:
     """Whether a layer is colored and the first of its label."""
     colored = [layer.frames[0][1] is not None for layer in layers]
     return colored[k] and not any(colored[i] and layers[i].label == layers[k].label for i in range(k))
 
 
-def _disks(axes: Axes, layer: Layer, frame: int):
+def add_disks(axes: Axes, layer: Layer, frame: int):
     """Disks of the area that a particle stands for, spacing^2.
 
     They are in data units and keep the size of a particle at every zoom, which scatter's points do not.
@@ -216,12 +210,23 @@ def _disks(axes: Axes, layer: Layer, frame: int):
     return disks
 
 
-def _bounds(layers: Sequence[Layer]) -> tuple[np.ndarray, np.ndarray]:
+def color_bar(figure: Figure, disks, layer: Layer, axes) -> None:
+    """The scale of a layer, beside one or several axes."""
+    numbers = matplotlib("ticker").ScalarFormatter(useMathText=True)
+    numbers.set_powerlimits(POWERS)
+    bar = figure.colorbar(disks, ax=axes, format=numbers, aspect=24, pad=0.02, extend=layer.beyond)
+    bar.set_label(with_unit(layer.label, layer.unit), fontsize=MEDIUM)
+    bar.ax.tick_params(labelsize=SMALL)
+    bar.ax.yaxis.get_offset_text().set_fontsize(SMALL)
+    bar.outline.set_visible(False)
+
+
+def bounds(layers: Sequence[Layer]) -> tuple[np.ndarray, np.ndarray]:
     extents = np.stack([layer.extent for layer in layers])
     return np.min(extents[:, 0], axis=0), np.max(extents[:, 1], axis=0)
 
 
-def _view(axes: Axes, low: np.ndarray, high: np.ndarray, spacing: float) -> None:
+def set_view(axes: Axes, low: np.ndarray, high: np.ndarray, spacing: float) -> None:
     margin = spacing + 0.03 * float(np.max(high - low))
     axes.set_xlim(low[0] - margin, high[0] + margin)
     axes.set_ylim(low[1] - margin, high[1] + margin)

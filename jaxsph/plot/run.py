@@ -80,7 +80,7 @@ def snapshot(
     n_saved = len(trajectory.times)
     if not -n_saved <= index < n_saved:
         raise ValueError(f"index {index}: the run has {n_saved} saved states, from 0 to {n_saved - 1}")
-    layers = _layers(trajectory, name, color, [index % n_saved], limits, color_map)
+    layers = layers_of(trajectory, name, color, [index % n_saved], limits, color_map)
     if title is None:
         title = f"{name or ''}   {time_text(np.asarray(trajectory.times), index)}".strip()
     return draw(layers, title=title, axes=axes)
@@ -116,14 +116,14 @@ def animate_trajectory(
         ValueError: a color that is not known, a path that is not a GIF, a speed or resolution that is not positive.
         ImportError: matplotlib is not installed.
     """
-    layers = _layers(trajectory, name, color, range(len(trajectory.times)), limits, color_map)
+    layers = layers_of(trajectory, name, color, range(len(trajectory.times)), limits, color_map)
     title = (name or "") if title is None else title
     times = np.asarray(trajectory.times)
     return film(path, layers, times, title=title, frames_per_second=frames_per_second, resolution=resolution)
 
 
-def _layers(trajectory, name, color, indices, limits, color_map) -> list[Layer]:
-    """Layers of a system, or of all: walls below, then fluids, then structures."""
+def layers_of(trajectory, name, color, indices, limits, color_map, view=None) -> list[Layer]:
+    """Layers of a system, or of all: walls below, then fluids, then structures; `view` turns positions (T, N, 3)."""
     scene, indices = trajectory.scene, np.asarray(indices)
     systems = [*scene.walls, *scene.fluids, *scene.structures] if name is None else [scene[name]]
     known = {key for system in systems for key in _colors(system)}
@@ -136,6 +136,7 @@ def _layers(trajectory, name, color, indices, limits, color_map) -> list[Layer]:
         values = None if key is None else _values(scene, system, states, key)
         label, unit = ("", "") if key is None else _colors(system)[key]
         positions = np.asarray(trajectory.positions(system.name))[indices]
+        positions = positions if view is None else view(positions)
         shown.append((system, positions, values, label, unit))
         if values is not None:
             groups.setdefault(label, []).append(_range(system, values))
