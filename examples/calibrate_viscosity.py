@@ -18,6 +18,7 @@ import numpy as np
 
 import inverse
 import jaxsph as sph
+from jaxsph.pytree import replace
 from jaxsph.scenes.channel import poiseuille
 from jaxsph.scenes.taylor_green import taylor_green
 
@@ -76,7 +77,7 @@ class Flow:
         position, old = np.asarray(fields["position"], float), np.asarray(fields["velocity"])
         velocity = [self.exact(self.viscosity, x, t) for x, t in zip(position, self.times, strict=True)]
         systems = {**run.states.systems, "water": {**fields, "velocity": np.array(velocity, old.dtype)}}
-        return sph.Trajectory(run.scene, sph.pytree.replace(run.states, systems=systems), run.time_step)
+        return sph.Trajectory(run.scene, replace(run.states, systems=systems), run.time_step)
 
 
 def vortices(particles: int = 25, t_end: float = 0.6, every: float = 0.01, dtype=None) -> Flow:

@@ -23,7 +23,7 @@ def main(particles=12, t_end=1.2, speed=0.6, out=None, picture="docs/images/flui
     scene = sph.scenes.moving_wall(particles, depth=DEPTH, length=LENGTH, speed=speed)
     run = sph.simulate(scene, t_end, t_end / 40, progress=True, out=out)
     jump = lambda h: (h - DEPTH) * np.sqrt(GRAVITY * (h + DEPTH) / (2 * h * DEPTH)) - speed  # noqa: E731
-    behind = brentq(jump, DEPTH, 5 * DEPTH)
+    behind = float(brentq(jump, DEPTH, 5 * DEPTH))  # type: ignore[arg-type]
     x = np.linspace(0, LENGTH, 400)
     depth = run.observe(lambda scene, state: observe.free_surface_height(scene, state, "water", x))
     wet = lambda h: x[np.flatnonzero(h > 0.5 * (DEPTH + behind))[-1]]  # noqa: E731

@@ -21,7 +21,7 @@ _WIDTH, _TALLEST = 11.0, 9.0
 
 def moments(
     trajectory: Any,
-    times: Sequence[float],
+    times: Sequence[float] | np.ndarray,
     name: str | None = None,
     color: str | None = AUTOMATIC,
     *,

@@ -12,7 +12,7 @@ from rows import Case, Row, precision
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
 
-import calibrate_viscosity as example
+import calibrate_viscosity as example  # pyright: ignore[reportMissingImports]
 
 
 def about(summary: dict, limit: float | None, where: tuple[str, str]) -> list[Row]:
