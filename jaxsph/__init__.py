@@ -5,7 +5,7 @@ from jaxsph.versions import __version__, check_jax_version
 check_jax_version()
 
 from jaxsph import observe, scenes  # noqa: E402
-from jaxsph.density import ContinuityDensity, SummationDensity  # noqa: E402
+from jaxsph.density import EDAC, ContinuityDensity, SummationDensity  # noqa: E402
 from jaxsph.dynamics import stable_time_step, topologies  # noqa: E402
 from jaxsph.effects import (  # noqa: E402
     ArtificialViscosity,
@@ -13,9 +13,12 @@ from jaxsph.effects import (  # noqa: E402
     Damping,
     DeltaDiffusion,
     DensityDiffusion,
+    KernelGradientCorrection,
     ParticleShifting,
     PenaltyForce,
+    ShepardFilter,
     TensileControl,
+    TransportVelocity,
 )
 from jaxsph.errors import (  # noqa: E402
     NeighborOverflow,
@@ -64,6 +67,7 @@ from jaxsph.walls import (  # noqa: E402
 )
 
 __all__ = [
+    "EDAC",
     "AdamiExtrapolation",
     "AdamiViscosity",
     "ArtificialViscosity",
@@ -80,6 +84,7 @@ __all__ = [
     "Edges",
     "Fluid",
     "Gaussian",
+    "KernelGradientCorrection",
     "KickDriftKick",
     "LinearStateEquation",
     "MonaghanViscosity",
@@ -97,6 +102,7 @@ __all__ = [
     "QuarticSpline",
     "QuinticSpline",
     "Scene",
+    "ShepardFilter",
     "SimulationError",
     "SkinExceeded",
     "StVenantKirchhoff",
@@ -105,6 +111,7 @@ __all__ = [
     "SummationDensity",
     "TensileControl",
     "Trajectory",
+    "TransportVelocity",
     "UnstableTimeStep",
     "Wall",
     "WallContinuity",

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from jaxsph import checks
 from jaxsph.dynamics import accelerations, constrain, place_walls, positions_of
-from jaxsph.flow import density_rates, keep_volume, summed_deviations
+from jaxsph.flow import density_rates, keep_mean, keep_volume, pressure_rates, summed_deviations
 from jaxsph.pytree import pytree_dataclass, static
 from jaxsph.surroundings import rebuild
 from jaxsph.walls import WallSummation
@@ -53,13 +53,14 @@ def _flow(scene, references, columns, lists, time, time_step, placed, forward_mo
         fields["velocity"] = fields["velocity"] + half * fields["acceleration"]
         fields["position"] = fields["position"] + half * _path(fields)
         moved[fluid.name] = fields
-    if not scene.density.summed:
+    evolved = scene.density.evolved
+    if evolved is not None:
         middle = place_walls(scene, references, time + half)
-        rates = density_rates(scene, references, moved, middle, lists, forward_mode=forward_mode)
+        rates = _rates_of(evolved)(scene, references, moved, middle, lists, forward_mode=forward_mode)
         for name, rate in rates.items():
-            deviation = moved[name]["density_deviation"] + time_step * rate
-            moved[name] = {**moved[name], "density_deviation": deviation}
-        moved = keep_volume(scene, references, moved)
+            moved[name] = {**moved[name], evolved: moved[name][evolved] + time_step * rate}
+        keep = keep_volume if evolved == "density_deviation" else keep_mean
+        moved = keep(scene, references, moved)
     for fluid in scene.fluids:
         fields = moved[fluid.name]
         moved[fluid.name] = {**fields, "position": fields["position"] + half * _path(fields)}
@@ -72,6 +73,10 @@ def _flow(scene, references, columns, lists, time, time_step, placed, forward_mo
     ).items():
         moved[name] = {**moved[name], "density_deviation": deviation}
     return moved
+
+
+def _rates_of(field):
+    return density_rates if field == "density_deviation" else pressure_rates
 
 
 def _path(fields):
@@ -132,7 +137,7 @@ class Diffrax:
         def evaluate(time, y):
             """All fields that follow from those of the solver, and the rates of these."""
             fields = constrain(scene, references, {**columns, **y}, time)
-            lists, placed, densities = {}, None, {}
+            lists, placed, changes = {}, None, {}
             if scene.fluids:
                 placed = place_walls(scene, references, time)
                 fields = {**fields, **{wall.name: dict(fields[wall.name]) for wall in scene.walls}}
@@ -146,12 +151,14 @@ class Diffrax:
                     fields[name] = {**fields[name], "density_deviation": deviation}
             found = accelerations(scene, references, fields, time, lists, placed, forward_mode=forward_mode)
             fields = {name: {**values, **found.get(name, {})} for name, values in fields.items()}
-            if scene.fluids and not scene.density.summed:
-                densities = density_rates(scene, references, fields, placed, lists, forward_mode=forward_mode)
-            return fields, densities
+            evolved = scene.density.evolved
+            if scene.fluids and evolved is not None:
+                rates = _rates_of(evolved)(scene, references, fields, placed, lists, forward_mode=forward_mode)
+                changes = {name: {evolved: rate} for name, rate in rates.items()}
+            return fields, changes
 
         def rates(time, y, _):
-            fields, densities = evaluate(time, y)
+            fields, changes = evaluate(time, y)
             change = {}
             for name, solved in y.items():
                 change[name] = {}
@@ -161,8 +168,8 @@ class Diffrax:
                     change[name]["position"] = _path(fields[name])
                 if "velocity" in solved:
                     change[name]["velocity"] = fields[name]["acceleration"]
-                if "density_deviation" in solved:
-                    change[name]["density_deviation"] = densities[name]
+                zeros = {k: jnp.zeros_like(solved[k]) for k in ("density_deviation", "pressure") if k in solved}
+                change[name] |= zeros | changes.get(name, {})
             return change
 
         adjoint = self.adjoint
@@ -204,7 +211,7 @@ def _solved(scene, name, fields):
     if "acceleration" not in fields:
         names = ["density_deviation"]  # a wall
     else:
-        names = ["displacement", "position", "velocity", "density_deviation"]
+        names = ["displacement", "position", "velocity", "density_deviation", "pressure"]
     summed = {fluid.name for fluid in scene.fluids if scene.density.summed}
     summed |= {wall.name for wall in scene.walls if isinstance(wall.pressure, WallSummation)}
     return [k for k in names if k in fields and not (k == "density_deviation" and name in summed)]

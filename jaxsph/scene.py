@@ -9,13 +9,22 @@ import numpy as np
 
 from jaxsph import checks, pytree
 from jaxsph.density import ContinuityDensity, DensityCalculator
-from jaxsph.effects import BodyForce, Damping, FlowEffect, ParticleShifting, PenaltyForce
+from jaxsph.effects import (
+    BodyForce,
+    Damping,
+    FlowEffect,
+    KernelGradientCorrection,
+    PenaltyForce,
+    ShepardFilter,
+    Shifting,
+    TensileControl,
+)
 from jaxsph.fluid import Fluid
 from jaxsph.kernels import Kernel, WendlandC2
 from jaxsph.neighbors import Domain
 from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, static
 from jaxsph.structure import Structure
-from jaxsph.walls import Wall
+from jaxsph.walls import Wall, WallContinuity, WallSummation
 
 SMOOTHING_LENGTH = 1.5
 """Smoothing length of the fluids in particle spacings, if none is given."""
@@ -63,12 +72,6 @@ class Scene:
         checks.check_finite("gravity", gravity, (d,))
         _check_effects(effects, systems)
         flows = [system for system in systems if isinstance(system, Fluid)]
-        for effect in effects if density is not None and density.summed else ():
-            if getattr(effect, "density_flux", None) is not None:
-                raise ValueError(
-                    f"{type(effect).__name__} changes the rate of a density, and {type(density).__name__} has no rate; "
-                    "leave it out, or take ContinuityDensity()"
-                )
         if domain is not None and domain.dimension != d:
             raise ValueError(f"the domain has {domain.dimension} axes, the particles {d}")
         if smoothing_length is None and flows:
@@ -78,13 +81,15 @@ class Scene:
             smoothing_length = as_real(smoothing_length, real)
         if not flows and domain is None and any(isinstance(system, Wall) for system in systems):
             raise ValueError("a scene with walls needs a fluid; a structure is held by `clamped`")
+        density = ContinuityDensity() if density is None else density
+        _check_density(density, systems, effects)
         set_field = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
         set_field("systems", tuple(systems))
         set_field("gravity", as_real(gravity, real))
         set_field("effects", tuple(_in_precision(effect, real) for effect in effects))
         set_field("kernel", WendlandC2() if kernel is None else kernel)
         set_field("smoothing_length", smoothing_length)
-        set_field("density", ContinuityDensity() if density is None else density)
+        set_field("density", density)
         set_field("domain", domain)
 
     @property
@@ -204,16 +209,37 @@ def _check_systems(systems):
 
 def _check_effects(effects, systems):
     for effect in effects:
-        if not isinstance(effect, (PenaltyForce, Damping, FlowEffect, ParticleShifting)):
+        if not isinstance(effect, (PenaltyForce, Damping, FlowEffect, ShepardFilter, Shifting)):
             raise ValueError(f"{effect!r} is not an effect; see jaxsph.effects for those that are")
         wanted = Structure if isinstance(effect, (PenaltyForce, Damping)) else Fluid
         if not any(isinstance(system, wanted) for system in systems) and not isinstance(effect, BodyForce):
             raise ValueError(
                 f"{type(effect).__name__} acts on a {wanted.__name__}, and the scene has none; leave it out"
             )
+    moving = [type(effect).__name__ for effect in effects if isinstance(effect, Shifting)]
+    if len(set(moving)) > 1:
+        raise ValueError(f"a scene has at most one effect that moves particles off their paths, not {moving}")
+    given = {type(effect) for effect in effects}
+    if {KernelGradientCorrection, TensileControl} <= given:
+        raise ValueError("KernelGradientCorrection and TensileControl both take p_b - p_a; leave one of them out")
     kinds = [type(effect) for effect in effects if not isinstance(effect, BodyForce)]
     if len(set(kinds)) != len(kinds):
         raise ValueError(f"an effect can be listed once: {[kind.__name__ for kind in kinds]}")
+
+
+def _check_density(density, systems, effects):
+    kind = type(density).__name__
+    for effect in effects:
+        if density.evolved != "density_deviation" and isinstance(effect, ShepardFilter):
+            raise ValueError(f"ShepardFilter smooths a density that {kind} does not evolve; leave it out")
+        if density.evolved != "density_deviation" and getattr(effect, "density_flux", None) is not None:
+            raise ValueError(f"{type(effect).__name__} smooths a density that {kind} does not evolve; leave it out")
+    for wall in [system for system in systems if isinstance(system, Wall)]:
+        if density.evolved == "pressure" and isinstance(wall.pressure, (WallContinuity, WallSummation)):
+            raise ValueError(
+                f"{type(wall.pressure).__name__} of {wall.name!r} takes its pressure from an equation of state, "
+                f"which {kind} does not have; take AdamiExtrapolation()"
+            )
 
 
 def _described(s) -> str:

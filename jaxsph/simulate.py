@@ -26,7 +26,9 @@ from jaxsph.dynamics import (
     prepare,
     topologies,
 )
+from jaxsph.effects import ShepardFilter
 from jaxsph.errors import UnstableTimeStep
+from jaxsph.flow import filtered
 from jaxsph.health import (
     BEYOND_SKIN,
     CURES,
@@ -109,6 +111,8 @@ def simulate(
         topologies_of_scene = topologies(scene, state if is_concrete(state) else None)
     found = topologies_of_scene
     error_controlled = isinstance(integrator, Diffrax)
+    if error_controlled and scene.effect(ShepardFilter) is not None:
+        raise ValueError("ShepardFilter acts between steps, and Diffrax chooses its own; take KickDriftKick()")
     limit = largest_stable(scene, found) if is_concrete(scene) and not error_controlled else None
     if time_step is None and error_controlled:
         time_step = save_every / 10  # the first try of the controller
@@ -222,6 +226,7 @@ def _advance(
     With fluids, neighbor lists are built every rebuild_every steps, of which n_steps and block are multiples.
     """
     dt = jnp.asarray(time_step, scene.dtype)
+    shepard = scene.effect(ShepardFilter)
 
     def time_of(number):
         return state.time + number.astype(scene.dtype) * dt
@@ -243,6 +248,10 @@ def _advance(
                 fields = columns[fluid.name]
                 columns = {**columns, fluid.name: {**fields, "position": scene.domain.wrap(fields["position"])}}
         lists, _ = _lists(scene, references, columns, found, time_of(numbers[0]))
+        if shepard is not None:
+            apply_filter = lambda now: filtered(scene, references, now, lists, forward_mode=forward_mode)  # noqa: E731
+            due = shepard.due(state.step + numbers[0], rebuild_every)
+            columns = jax.lax.cond(due, apply_filter, dict, columns)
         step = checkpointed(lambda carry, number, lists: one_step(carry, number, lists))
         columns, _ = jax.lax.scan(lambda carry, number: step(carry, number, lists), columns, numbers)
         assert lists is not None  # this is for scenes with fluids

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.effects import DeltaDiffusion, ParticleShifting, TensileControl
+from jaxsph.effects import DeltaDiffusion, Shifting, TensileControl
 from jaxsph.fluid import Fluid
 from jaxsph.health import Health
 from jaxsph.pytree import pytree_dataclass
@@ -27,9 +27,10 @@ class State:
             `displacement` (N, d) [m], `velocity` (N, d) [m/s], `acceleration` (N, d) [m/s^2], and in float32
             `remainder` (N, d) [m], what rounding left out of the displacement (see docs/formulation.md). A fluid has
             `position`, `velocity`, `acceleration` (N, d) and `density_deviation` (N,), rho - rho_0 [kg/m^3]; with
-            `ParticleShifting` a `shift` (N, d) [m/s], with `DeltaDiffusion` a `density_gradient` (N, d), with
-            `TensileControl` a `cover` (N,). A wall has
-            `position` and `velocity` if it moves, `density_deviation` if its model integrates it, else nothing.
+            `ParticleShifting` or `TransportVelocity` a `shift` (N, d) [m/s], with `DeltaDiffusion` a
+            `density_gradient` (N, d), with `TensileControl` a `cover` (N,), with the density calculator `EDAC` a
+            `pressure` (N,) [Pa]. A wall has `position` and `velocity` if it moves, `density_deviation` if its model
+            integrates it, else nothing.
         health: what went wrong, if anything did.
 
     In a trajectory every array has a time axis in front.
@@ -65,7 +66,10 @@ def _initial_fields(scene, system) -> dict:
             "acceleration": zero,
             "density_deviation": jnp.broadcast_to(jnp.asarray(system.initial_deviation(), dtype), shape[:1]),
         }
-        extra = {"shift": (ParticleShifting, zero), "density_gradient": (DeltaDiffusion, zero)}
+        if scene.density.evolved == "pressure":
+            initial = 0.0 if system.pressure is None else system.pressure
+            fields["pressure"] = jnp.broadcast_to(jnp.asarray(initial, dtype), shape[:1])
+        extra = {"shift": (Shifting, zero), "density_gradient": (DeltaDiffusion, zero)}
         extra["cover"] = (TensileControl, jnp.zeros(shape[:1], dtype))
         return fields | {name: blank for name, (kind, blank) in extra.items() if scene.effect(kind) is not None}
     fields = {}

@@ -5,8 +5,10 @@ from jaxsph.effects.body_force import BodyForce
 from jaxsph.effects.damping import Damping
 from jaxsph.effects.density_diffusion import DeltaDiffusion, DensityDiffusion
 from jaxsph.effects.flow_effect import FlowEffect
+from jaxsph.effects.gradient_correction import KernelGradientCorrection
 from jaxsph.effects.penalty import PenaltyForce
-from jaxsph.effects.shifting import ParticleShifting
+from jaxsph.effects.shepard_filter import ShepardFilter
+from jaxsph.effects.shifting import ParticleShifting, Shifting, TransportVelocity
 from jaxsph.effects.tensile_control import TensileControl
 
 __all__ = [
@@ -16,7 +18,11 @@ __all__ = [
     "DeltaDiffusion",
     "DensityDiffusion",
     "FlowEffect",
+    "KernelGradientCorrection",
     "ParticleShifting",
     "PenaltyForce",
+    "ShepardFilter",
+    "Shifting",
     "TensileControl",
+    "TransportVelocity",
 ]

@@ -12,8 +12,36 @@ from jaxsph.pair_sum import dot
 from jaxsph.pytree import pytree_dataclass, static
 
 
+class Shifting:
+    """What `jaxsph.flow` asks of an effect that moves particles with v + dv, of which a scene has at most one."""
+
+    free_surface: bool = False
+
+    def crowding(self, a, b, pair):
+        """Volume of a times the term of a sum that points to where particles crowd [m^(d-1)], (d,); antisymmetric."""
+        raise NotImplementedError
+
+    def velocity(self, crowding, fluid, smoothing_length, support_radius, *, cover: Any = None, normal: Any = None):
+        """dv (d, N) [m/s] from the sum.
+
+        Args:
+            crowding: the sum (d, N) [1/m].
+            fluid: whose particles move.
+            smoothing_length: h [m].
+            support_radius: H [m].
+            cover: C (N,), with `free_surface`.
+            normal: along the normal of the surface, of any length (d, N), with `free_surface`.
+        """
+        raise NotImplementedError
+
+    def carried(self, a, b, difference, pair):
+        """dv . grad of a field, times the volume of a, from its difference between b and a; symmetric."""
+        along = dot(a["shift"] + b["shift"], pair.gradient)
+        return 0.5 * a["volume"] * b["volume"] * along * difference
+
+
 @pytree_dataclass
-class ParticleShifting:
+class ParticleShifting(Shifting):
     """Particles move with v + dv, where dv points away from where they crowd.
 
         dv_a = -strength speed H sum_b (1 + .2 (W_ab / W(dx))^4) V_b grad W,      |dv| <= speed / 2,
@@ -50,17 +78,9 @@ class ParticleShifting:
         clumped = (pair.value / pair.value_at_spacing) ** 4
         return a["volume"] * b["volume"] * (1 + 0.2 * clumped) * pair.gradient
 
-    def velocity(self, crowding, support_radius, sound_speed, *, cover: Any = None, normal: Any = None):
-        """dv (d, N) [m/s].
-
-        Args:
-            crowding: the sum (d, N) [1/m].
-            support_radius: H [m].
-            sound_speed: of the fluid [m/s].
-            cover: C (N,), with `free_surface`.
-            normal: along the normal of the surface, of any length (d, N), with `free_surface`.
-        """
-        speed = 0.1 * sound_speed if self.speed is None else self.speed
+    def velocity(self, crowding, fluid, smoothing_length, support_radius, *, cover: Any = None, normal: Any = None):
+        """dv (d, N) [m/s]."""
+        speed = 0.1 * fluid.sound_speed if self.speed is None else self.speed
         shift = -self.strength * speed * support_radius * crowding
         if self.free_surface:
             squared = jnp.sum(normal**2, axis=0)
@@ -70,7 +90,35 @@ class ParticleShifting:
         over = squared > limit**2
         return shift * (limit / jnp.sqrt(jnp.where(over, squared, limit**2)))
 
-    def carried(self, a, b, difference, pair):
-        """dv . grad of a field, times the volume of a, from its difference between b and a; symmetric."""
-        along = dot(a["shift"] + b["shift"], pair.gradient)
-        return 0.5 * a["volume"] * b["volume"] * along * difference
+
+@pytree_dataclass
+class TransportVelocity(Shifting):
+    """Particles move as a constant background pressure would push them, which acts on nothing else.
+
+        dv_a = -t p_b / (2 m_a) sum_b (V_a^2 + V_b^2) grad W,      t = h / (4 c),
+
+    S. Adami, X. Y. Hu, N. A. Adams (2013), J. Comput. Phys. 241, 292, eq. (8). There t is the time step; here it is the
+    one of their eq. (19), so that results do not depend on the step, and m_a / V_a is the rest density. What moving
+    particles carry is that of `ParticleShifting`: their tensor A of eq. (4) less v div dv. For flows without a free
+    surface, where particles would fly off.
+
+    Attributes:
+        background_pressure: p_b [Pa]; None takes rho_0 c^2.
+    """
+
+    background_pressure: Any = None
+
+    def __post_init__(self):
+        if self.background_pressure is not None:
+            check_at_least("TransportVelocity.background_pressure", self.background_pressure, 0.0, "Pa")
+
+    def crowding(self, a, b, pair):
+        """Half the sum of squares of the volumes [m^(2d)] times the gradient; antisymmetric."""
+        return 0.5 * (a["volume"] ** 2 + b["volume"] ** 2) * pair.gradient
+
+    def velocity(self, crowding, fluid, smoothing_length, support_radius, *, cover: Any = None, normal: Any = None):
+        """dv (d, N) [m/s]."""
+        per_density = fluid.sound_speed**2
+        if self.background_pressure is not None:
+            per_density = self.background_pressure / fluid.density
+        return -0.25 * smoothing_length / fluid.sound_speed * per_density * crowding

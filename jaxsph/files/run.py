@@ -10,6 +10,7 @@ import jax
 
 from jaxsph.dynamics import topologies
 from jaxsph.files.writer import TrajectoryWriter
+from jaxsph.flow import pressure
 from jaxsph.observe import stresses
 
 
@@ -58,9 +59,8 @@ def _derived(scene, state, found):
         of_structure = stresses(scene, state, structure.name, found)
         out[structure.name] = {"von_mises": of_structure["von_mises"], "cauchy_stress": of_structure["cauchy"]}
     for fluid in scene.fluids:
-        deviation = state.systems[fluid.name]["density_deviation"]
-        out[fluid.name] = {
-            "density": fluid.density + deviation,
-            "pressure": fluid.state_equation.pressure(deviation, fluid.density, fluid.sound_speed),
-        }
+        fields = state.systems[fluid.name]
+        out[fluid.name] = {"density": fluid.density + fields["density_deviation"]}
+        if "pressure" not in fields:  # else the state brings it
+            out[fluid.name]["pressure"] = pressure(fluid, fields)
     return out

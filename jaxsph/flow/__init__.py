@@ -5,9 +5,10 @@ every sum is weighted so that a pair is symmetric or antisymmetric: momentum and
 gradient costs half.
 """
 
-from jaxsph.flow.density import density_rates, keep_volume, summed_deviations
+from jaxsph.flow.density import density_rates, filtered, keep_volume, summed_deviations
 from jaxsph.flow.forces import corrected, forces
 from jaxsph.flow.pairs import FluidReference, Pair, WallReference, fluid_fields, partners, pressure
+from jaxsph.flow.pressure import keep_mean, pressure_rates
 from jaxsph.flow.walls import wall_states
 
 __all__ = [
@@ -16,11 +17,14 @@ __all__ = [
     "WallReference",
     "corrected",
     "density_rates",
+    "filtered",
     "fluid_fields",
     "forces",
+    "keep_mean",
     "keep_volume",
     "partners",
     "pressure",
+    "pressure_rates",
     "summed_deviations",
     "wall_states",
 ]

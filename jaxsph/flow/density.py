@@ -6,7 +6,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxsph.effects import ParticleShifting
+from jaxsph.effects import Shifting
 from jaxsph.flow.pairs import fluid_fields, over_pairs, partners, wall_at_rest
 from jaxsph.fluid import Fluid
 from jaxsph.pair_sum import dot
@@ -19,7 +19,7 @@ def density_rates(scene, references, columns, placed, lists, *, forward_mode=Fal
     placed: by wall its positions, velocities and accelerations, from `Wall.placed`.
     """
     effects = [effect for effect in scene.flow_effects if effect.density_flux is not None]
-    shifting = scene.effect(ParticleShifting)
+    shifting = scene.effect(Shifting)
     rates = {}
     for fluid in scene.fluids:
         own = fluid_fields(fluid, references[fluid.name], columns[fluid.name])
@@ -87,9 +87,8 @@ def summed_deviations(scene, references, columns, placed, lists, *, forward_mode
                 senders = own if other is fluid else fluid_fields(other, references[other.name], columns[other.name])
             else:
                 senders = wall_at_rest(fluid, other, references, placed)
-            total = total + over_pairs(
-                scene, fluid, lambda a, b, pair: b["mass"] * pair.value, own, senders, neighbors, None, forward_mode
-            )
+            of_pair = lambda a, b, pair: scene.density.summed_mass(a, b) * pair.value  # noqa: E731
+            total = total + over_pairs(scene, fluid, of_pair, own, senders, neighbors, None, forward_mode)
         out[fluid.name] = total - fluid.density
     for wall in scene.walls:
         if isinstance(wall.pressure, WallSummation):
@@ -111,10 +110,10 @@ def summed_deviations(scene, references, columns, placed, lists, *, forward_mode
 def keep_volume(scene, references, columns) -> dict:
     """Columns with densities such that all fluids together fill the volume that they filled at the start.
 
-    Only where `ParticleShifting` is told that there is no free surface. Shifted particles do not follow the flow, so
-    that the sum of their volumes m / rho drifts; in a closed domain the pressure then sinks until the fluid tears.
+    Only where particles are shifted and there is no free surface. Shifted particles do not follow the flow, so that the
+    sum of their volumes m / rho drifts; in a closed domain the pressure then sinks until the fluid tears.
     """
-    shifting = scene.effect(ParticleShifting)
+    shifting = scene.effect(Shifting)
     if shifting is None or shifting.free_surface:
         return columns
     now = start = 0.0
@@ -130,4 +129,25 @@ def keep_volume(scene, references, columns) -> dict:
             **columns[fluid.name],
             "density_deviation": deviation + (fluid.density + deviation) * excess,
         }
+    return out
+
+
+def filtered(scene, references, columns, lists, *, forward_mode=False) -> dict:
+    """Columns with the densities of `ShepardFilter`: the mean deviation of the neighbors, weighted with V W."""
+    at_zero = scene.kernel.w(jnp.zeros(scene.dimension, scene.dtype), scene.smoothing_length)
+    out = dict(columns)
+    for fluid in scene.fluids:
+        own = fluid_fields(fluid, references[fluid.name], columns[fluid.name])
+        deviation = columns[fluid.name]["density_deviation"]
+
+        def of_pair(a, b, pair):
+            weight = b["volume"] * pair.value
+            return {"weight": weight, "total": weight * b["deviation"]}
+
+        fields = {name: own[name] for name in ("position", "mass", "density")} | {"deviation": deviation}
+        neighbors = lists[f"{fluid.name}-{fluid.name}"]
+        sums = over_pairs(scene, fluid, of_pair, fields, fields, neighbors, None, forward_mode)
+        self_weight = own["mass"] / own["density"] * at_zero
+        mean = (sums["total"] + self_weight * deviation) / (sums["weight"] + self_weight)
+        out[fluid.name] = {**columns[fluid.name], "density_deviation": mean}
     return out

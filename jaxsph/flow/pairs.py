@@ -60,7 +60,9 @@ def fluid_fields(fluid: Fluid, reference: FluidReference, columns: dict) -> dict
 
 
 def pressure(fluid: Fluid, columns: dict):
-    """Pressure (N,) [Pa] of a fluid."""
+    """Pressure (N,) [Pa] of a fluid: of the state, or from the equation of state."""
+    if "pressure" in columns:
+        return columns["pressure"]
     return fluid.state_equation.pressure(columns["density_deviation"], fluid.density, fluid.sound_speed)
 
 

@@ -41,7 +41,10 @@ def energies(scene, state, found=None) -> dict:
         gravitational -= jnp.sum(mass * jnp.sum(gravity[:, None] * fields["displacement"], axis=0))
     for fluid in scene.fluids:
         fields, mass = state.systems[fluid.name], fluid.mass()
-        stored = fluid.state_equation.energy(fields["density_deviation"], fluid.density, fluid.sound_speed)
+        if "pressure" in fields:
+            stored = 0.5 * (fields["pressure"] / (fluid.density * fluid.sound_speed)) ** 2
+        else:
+            stored = fluid.state_equation.energy(fields["density_deviation"], fluid.density, fluid.sound_speed)
         kinetic += 0.5 * jnp.sum(mass * jnp.sum(fields["velocity"] ** 2, axis=1))
         internal += jnp.sum(mass * stored)
         gravitational -= jnp.sum(mass * jnp.sum(gravity * fields["position"], axis=1))

@@ -1,0 +1,25 @@
+"""Gradients through a hundred steps with the schemes of tests/test_schemes.py: both modes, finite differences."""
+
+import pytest
+from test_flow_gradients import Case, check, column, vortex
+
+import jaxsph as sph
+
+VORTICES = {
+    "edac": (sph.EDAC(), [sph.TransportVelocity()]),
+    "edac averaged": (sph.EDAC(averaged_pressure=True), [sph.ParticleShifting(1.0, 0.2)]),
+}
+
+
+@pytest.mark.parametrize("which", VORTICES)
+def test_vortex(which):
+    check(Case(vortex(*VORTICES[which])))
+
+
+def test_edac_column_in_a_tank():
+    check(Case(column(sph.EDAC(free_surface=True), [])))
+
+
+@pytest.mark.parametrize("effects", [[sph.KernelGradientCorrection()], [sph.ShepardFilter(16)]])
+def test_column_in_a_tank(effects):
+    check(Case(column(sph.ContinuityDensity(), effects)))
