@@ -50,6 +50,7 @@ from jaxsph.materials import (  # noqa: E402
     StVenantKirchhoff,
 )
 from jaxsph.neighbors import Domain  # noqa: E402
+from jaxsph.packing import Packed, relax  # noqa: E402
 from jaxsph.pair_sum import Edges, PairList, pair_edges, pair_sum  # noqa: E402
 from jaxsph.scene import Scene  # noqa: E402
 from jaxsph.simulate import simulate  # noqa: E402
@@ -92,6 +93,7 @@ __all__ = [
     "NeighborOverflow",
     "NeoHookean",
     "NotFinite",
+    "Packed",
     "PairList",
     "ParticleOutside",
     "ParticleShifting",
@@ -128,6 +130,7 @@ __all__ = [
     "observe",
     "pair_edges",
     "pair_sum",
+    "relax",
     "scenes",
     "simulate",
     "stable_time_step",

@@ -39,6 +39,7 @@ ORDER = [
     "scene",
     "state",
     "flow",
+    "packing",
     "surroundings",
     "dynamics",
     "observe",
