@@ -12,6 +12,7 @@ import numpy as np
 from inverse.transforms import Transform
 
 LOOKS = 5  # states of a run, spread evenly, in which neighbors are counted
+ROOM = 1.4  # for more neighbors than those: other values of the unknowns, states in between
 SPEED_MARGIN = 1.1
 
 
@@ -71,20 +72,31 @@ class JaxsphSimulation:
 
 
 def topologies_of_run(run: Any) -> dict[str, Any]:
-    """What `jaxsph.topologies` gives for the state in which each pair of systems needs most room for neighbors."""
+    """Like `jaxsph.topologies`, with room for the neighbors that each pair of systems has in any state of a run."""
     import jaxsph
 
     last = len(run.times) - 1
     chosen = sorted({round(last * part / (LOOKS - 1)) for part in range(LOOKS)})
-    found = [jaxsph.topologies(run.scene, jax.tree.map(lambda leaf, i=i: leaf[i], run.states)) for i in chosen]
-    return {name: max((each[name] for each in found), key=_room) for name in found[0]}
+    states = [jax.tree.map(lambda leaf, i=i: leaf[i], run.states) for i in chosen]
+    found = [jaxsph.topologies(run.scene, state, capacity_multiplier=ROOM) for state in states]
+    roomy = dict(found[0])
+    for name in roomy:
+        sizes = np.array([_sizes(each[name]) for each in found])
+        if sizes.size:
+            # no state need have the most of everything: of the nearest to it, all sizes grow by what it lacks
+            lacking = np.max(np.max(sizes, axis=0) / sizes, axis=1)
+            best = int(np.argmin(lacking))
+            roomy[name] = found[best][name]
+            if lacking[best] > 1:
+                more = jaxsph.topologies(run.scene, states[best], capacity_multiplier=ROOM * float(lacking[best]))
+                roomy[name] = more[name]
+    return roomy
 
 
-def _room(topology: Any) -> int:
-    """Size of a neighbor list's arrays. Other topologies are the same in all states."""
-    lists = [getattr(topology, "transpose", None), topology]
-    capacities = [part.capacity for part in lists if hasattr(part, "capacity")]
-    return sum(c.slots * max(c.range, 1) * max(c.range_round, 1) for c in capacities)
+def _sizes(topology: Any) -> list[int]:
+    """Sizes of a neighbor list's arrays; none of other topologies, which are the same in all states."""
+    parts = [part for part in (topology, getattr(topology, "transpose", None)) if hasattr(part, "capacity")]
+    return [max(1, size) for part in parts for size in (part.capacity.slots, part.capacity.range)]
 
 
 def max_speed(run: Any) -> float:
