@@ -30,7 +30,9 @@ def pressure_rates(scene, references, columns, placed, lists, *, forward_mode=Fa
             # A sliding surface does not move the wall, see `wall_at_rest`.
             still = wall and other.motion is None
 
-            def of_pair(a, b, pair, other: Any = other, wall=wall, carry: Any = shifting if carry else None, still=still):
+            def of_pair(
+                a, b, pair, other: Any = other, wall=wall, carry: Any = shifting if carry else None, still=still
+            ):
                 if wall and "pressure" not in b:
                     b = {**b, "pressure": other.pressure.of_pair(a["pressure"])}
                 moving = dot(a["velocity"] if still else a["velocity"] - b["velocity"], pair.gradient)
