@@ -95,7 +95,8 @@ def topologies_of_run(run: Any) -> dict[str, Any]:
 
 def _sizes(topology: Any) -> list[int]:
     """Sizes of a neighbor list's arrays; none of other topologies, which are the same in all states."""
-    parts = [part for part in (topology, getattr(topology, "transpose", None)) if hasattr(part, "capacity")]
+    both: list[Any] = [topology, getattr(topology, "transpose", None)]
+    parts = [part for part in both if hasattr(part, "capacity")]
     return [max(1, size) for part in parts for size in (part.capacity.slots, part.capacity.range)]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -88,7 +88,7 @@ def relax(
     return _relaxed(particles, walls, domain, distance, fixed, kernel, smoothing_length, iterations)
 
 
-def _relaxed(particles, walls, domain, distance, fixed, kernel, h, iterations):
+def _relaxed(particles, walls: Any, domain, distance: Any, fixed, kernel, h, iterations):
     spacing, start = particles.spacing, np.asarray(particles.positions).T
     cutoff = float(kernel.support_radius(np.asarray(h)))
     sets = [start] if walls is None else [start, np.asarray(walls.positions).T.astype(start.dtype)]
@@ -112,7 +112,7 @@ def _relaxed(particles, walls, domain, distance, fixed, kernel, h, iterations):
     def term(a, b):
         return b["volume"] * kernel.gradient(domain.displacement(a["x"], b["x"]), h)
 
-    others = {"own": None}
+    others: dict[str, Any] = {"own": None}
     if walls is not None:
         others["walls"] = jnp.asarray(sets[1])
     if distance is not None:
