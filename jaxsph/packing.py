@@ -53,7 +53,8 @@ def relax(
     jit; not differentiable.
 
     What keeps particles in their shape, any of: `walls`, whose particles push; a periodic `domain`; the signed
-    `distance`, at whose surface every particle meets mirror images, and which no particle crosses; `fixed` particles.
+    `distance`, at whose surface every particle meets mirror images, and to which none comes nearer than half a spacing;
+    `fixed` particles.
     Without any of them they would spread for ever, which is refused.
 
     Args:
@@ -97,7 +98,7 @@ def _relaxed(particles, walls: Any, domain, distance: Any, fixed, kernel, h, ite
     # Both particles of a pair may go a stride in every iteration; mirror images as far as what they mirror.
     search = neighbor_list(domain, cutoff, 2.01 * STRIDE * BETWEEN_BUILDS * spacing, 2.0)
     volume, moving = jnp.asarray(particles.volumes), jnp.asarray(~fixed, start.dtype)
-    near_limit = 1e-3 * spacing
+    near_limit = 0.5 * spacing  # on the surface a particle would meet its own image, which does not push there
 
     def normal(x):
         slope = jax.grad(distance)(x)

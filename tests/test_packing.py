@@ -48,7 +48,7 @@ def test_a_disk_stays_a_disk():
     packed = sph.relax(start, distance=distance, iterations=300)
     residuals_fall(packed, 2)  # mirror images at a curved surface stand a little wider than the particles
     radius = np.linalg.norm(packed.particles.positions - [0.2, 0.1], axis=1)
-    assert radius.max() < 0.5
+    assert radius.max() < 0.475 + 1e-9
     rim = lambda r: r[r > 0.5 - 0.05]  # noqa: E731
     before = np.linalg.norm(start.positions - [0.2, 0.1], axis=1)
     assert np.std(rim(radius)) < 0.6 * np.std(rim(before)), "the outermost layer follows the rim"

@@ -8,7 +8,6 @@ import jaxsph as sph
 VORTICES = {
     "edac": (sph.EDAC(), [sph.TransportVelocity()]),
     "edac averaged": (sph.EDAC(averaged_pressure=True), [sph.ParticleShifting(1.0, 0.2)]),
-    "corrected": (sph.ContinuityDensity(), [sph.KernelGradientCorrection(), sph.ParticleShifting(1.0, 0.2)]),
 }
 
 
