@@ -44,7 +44,10 @@ def twin(quick: bool) -> Iterator[list[Row]]:
 
 
 def exact_vortices(quick: bool) -> Iterator[list[Row]]:
-    """The exact decay: what is left is the bias by the resolution, of the solver and of the interpolation."""
+    """The exact decay: what is left is the bias by the resolution, of the solver and of the interpolation.
+
+    The disorder of the particles makes the cost rough, see docs/fit.md: where the fit came to a stop is in the rest.
+    """
     for particles in (25,) if quick else (25, 50):
         flow, where = example.vortices(particles, dtype=np.float32), (f"{particles} x {particles}", "float32")
         _, summary = example.calibrate(flow, twin=False, noise=0.0, progress=False)
