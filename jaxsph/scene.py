@@ -13,11 +13,9 @@ from jaxsph.effects import (
     BodyForce,
     Damping,
     FlowEffect,
-    KernelGradientCorrection,
     PenaltyForce,
     ShepardFilter,
     Shifting,
-    TensileControl,
 )
 from jaxsph.fluid import Fluid
 from jaxsph.kernels import Kernel, WendlandC2
@@ -219,9 +217,6 @@ def _check_effects(effects, systems):
     moving = [type(effect).__name__ for effect in effects if isinstance(effect, Shifting)]
     if len(set(moving)) > 1:
         raise ValueError(f"a scene has at most one effect that moves particles off their paths, not {moving}")
-    given = {type(effect) for effect in effects}
-    if {KernelGradientCorrection, TensileControl} <= given:
-        raise ValueError("KernelGradientCorrection and TensileControl both take p_b - p_a; leave one of them out")
     kinds = [type(effect) for effect in effects if not isinstance(effect, BodyForce)]
     if len(set(kinds)) != len(kinds):
         raise ValueError(f"an effect can be listed once: {[kind.__name__ for kind in kinds]}")

@@ -6,13 +6,13 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxsph.effects import DeltaDiffusion, KernelGradientCorrection, Shifting, TensileControl
-from jaxsph.flow.pairs import fluid_fields, over_pairs, partners, pressure, wall_at_rest
+from jaxsph.effects import DeltaDiffusion, Shifting, TensileControl
+from jaxsph.flow.pairs import fluid_fields, over_pairs, partners, pressure
 from jaxsph.flow.pressure import mean_pressures
 from jaxsph.flow.walls import wall_in_forces, wall_states
 from jaxsph.fluid import Fluid
 from jaxsph.pair_sum import dot
-from jaxsph.tensors import determinant, inverse
+from jaxsph.tensors import inverse
 
 
 def forces(scene, references, columns, placed, lists, time, *, forward_mode=False) -> dict:
@@ -24,7 +24,6 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
     covered = (shifting is not None and shifting.free_surface) or scene.effect(TensileControl) is not None
     pressures = {fluid.name: pressure(fluid, columns[fluid.name]) for fluid in scene.fluids}
     walls = wall_states(scene, references, columns, placed, pressures, lists, forward_mode=forward_mode)
-    correction = scene.effect(KernelGradientCorrection)
     means = {}
     if scene.density.averaged_pressure:
         means = mean_pressures(scene, references, columns, placed, lists, pressures, walls, forward_mode=forward_mode)
@@ -35,9 +34,6 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
         if fluid.name in means:
             own["mean_pressure"] = means[fluid.name]
         own.pop("density_gradient", None)  # that of the step before
-        if correction is not None:
-            moment = _moments(scene, fluid, own, references, columns, placed, lists, forward_mode)
-            own |= _correction(correction, moment)
         totals: dict[str, Any] = {}
         for other, neighbors in partners(scene, fluid, lists):
             same, wall = other is fluid, not isinstance(other, Fluid)
@@ -66,8 +62,6 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                 if wall and "pressure" not in b:
                     b = {**b, "pressure": other.pressure.of_pair(a["pressure"])}
                 force = scene.density.pressure_force(a, b, pair.gradient)
-                if correction is not None:
-                    force = correction.corrected(force, a, b, pair)
                 seen = b["velocity"]
                 if viscous:
                     if wall:
@@ -100,39 +94,11 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                 symmetry |= {"cover": 1, "normal": -1} if covered else {}
                 symmetry |= {"moment": 1, "density_gradient": 1} if delta is not None else {}
                 opposite = scene.density.symmetric and all(effect.symmetric for effect in active)
-                opposite = opposite and correction is None
                 symmetry = symmetry if opposite else None
             part = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode)  # pyright: ignore
             totals = {name: totals.get(name, 0.0) + part.get(name, 0.0) for name in {**totals, **part}}
         out[fluid.name] = _finish(scene, fluid, own, totals, outside, shifting, delta, time)
     return out
-
-
-def _moments(scene, fluid, own, references, columns, placed, lists, forward_mode):
-    """M = -sum_b V_b grad W x_ab^T (d, d, N), over fluids and walls."""
-    receivers = {name: own[name] for name in ("position", "mass", "density")}
-    total = 0.0
-    for other, neighbors in partners(scene, fluid, lists):
-        if other is fluid:
-            senders = receivers
-        elif isinstance(other, Fluid):
-            senders = fluid_fields(other, references[other.name], columns[other.name])
-        else:
-            senders = wall_at_rest(fluid, other, references, placed)
-
-        def of_pair(a, b, pair):
-            return -b["volume"] * pair.gradient[:, None] * pair.offset[None, :]
-
-        total = total + over_pairs(scene, fluid, of_pair, receivers, senders, neighbors, None, forward_mode)
-    return total
-
-
-def _correction(effect, moment):
-    """`reliable` (N,) and `correction` (d, d, N): how far the moment can be trusted, and its inverse times that."""
-    size = determinant(moment)
-    reliable, good = effect.reliable(size), size > 0.3
-    safe = jnp.where(good, moment, jnp.eye(moment.shape[0], dtype=moment.dtype)[:, :, None])
-    return {"reliable": reliable, "correction": reliable * inverse(safe)}
 
 
 def _finish(scene, fluid, own, totals, outside, shifting, delta, time):

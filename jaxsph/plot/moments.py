@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from jaxsph.plot.figure import LARGE, new_figure
 from jaxsph.plot.layers import add_disks, bounds, color_bar, has_bar, set_view, time_text
@@ -21,7 +22,7 @@ _WIDTH, _TALLEST = 11.0, 9.0
 
 def moments(
     trajectory: Any,
-    times: Sequence[float] | np.ndarray,
+    times: ArrayLike,
     name: str | None = None,
     color: str | None = AUTOMATIC,
     *,
@@ -48,6 +49,7 @@ def moments(
         ValueError: a color that is not known, no times, or not as many axes as times; a view of a run in 2D.
         ImportError: matplotlib is not installed.
     """
+    times = np.atleast_1d(np.asarray(times, float))
     if not len(times) or (axes is not None and len(axes) != len(times)):
         raise ValueError(f"{len(times)} times and {axes if axes is None else len(axes)} axes; one of each is needed")
     if view is not None and trajectory.scene.dimension != 3:
