@@ -124,7 +124,7 @@ def _relaxed(particles, walls: Any, domain, distance: Any, fixed, kernel, h, ite
         own = {"x": x, "volume": volume}
         total = pair_sum(term, own, own, lists["own"])
         if "walls" in others:
-            wall = {"x": others["walls"], "volume": jnp.asarray(walls.volumes)}
+            wall = {"x": others["walls"], "volume": jnp.asarray(walls.volumes)}  # pyright: ignore
             total = total + pair_sum(term, own, wall, lists["walls"])
         if "images" in others:
             total = total + pair_sum(term, own, {"x": images(x), "volume": volume}, lists["images"])
@@ -137,7 +137,7 @@ def _relaxed(particles, walls: Any, domain, distance: Any, fixed, kernel, h, ite
         if distance is not None:
 
             def inside(p):
-                return p - jnp.maximum(distance(p) + near_limit, 0.0) * normal(p)
+                return p - jnp.maximum(distance(p) + near_limit, 0.0) * normal(p)  # pyright: ignore
 
             x = jnp.where(moving > 0, jax.vmap(inside, -1, -1)(x), x)
         return x
