@@ -49,7 +49,7 @@ class JaxsphSimulation:
         self.time_step = time_step
         self.save_every = common_interval(times) if save_every is None else save_every
         self._options: dict[str, Any] = {}
-        if scene.fluids:
+        if getattr(scene, "fluids", ()):
             rehearsal = self._run(replace(scene, {name: t.start[()] for name, t in unknown.items()}), times)
             fastest = [max_speed(rehearsal), *(max_speed_expected(replace(scene, c)) for c in corners(unknown))]
             self._options = {"topologies_of_scene": topologies_of_run(rehearsal), "max_speed": max(fastest)}

@@ -102,7 +102,7 @@ def test_dam_break_gate(example):
 
 
 def test_moving_wall(example):
-    run = example("moving_wall", particles=6, t_end=0.4)
+    run = example("moving_wall", particles=6, t_end=1.0)
     assert_inside(run, (0, 0), (4.0,))
     wall = np.asarray(run.positions("wall"))[:, :, 0].max(axis=1)
     water = np.asarray(run.positions("water"))[:, :, 0].min(axis=1)
@@ -138,7 +138,7 @@ def test_standing_wave(example):
 
 
 def test_falling_column(example):
-    run = example("falling_column", particles=12, t_end=0.35)
+    run = example("falling_column", particles=12, t_end=0.2)
     assert_inside(run, (0, 0), (1.0,))
     water = np.asarray(run.scene["water"].particles.positions)[:, 1] > 0.2
     center = np.asarray(run["water"]["position"])[:, water, 1].mean(axis=1)

@@ -29,7 +29,7 @@ def moments(
     columns: int | None = None,
     limits: tuple | None = None,
     color_map: str | None = None,
-    view: tuple[float, float] | None = None,
+    view: tuple[float | int, float | int] | None = None,
     axes: Sequence | None = None,
 ) -> Figure:
     """Draw a system of a run, or all of them, at several times with one color scale.
@@ -89,7 +89,7 @@ def moments(
     return figure
 
 
-def _turn(azimuth: float, elevation: float):
+def _turn(azimuth: float | int, elevation: float | int):
     """From positions (..., 3) to the viewer's: right, up, and towards the eye."""
     a, e = math.radians(azimuth), math.radians(elevation)
     right = (math.cos(a), math.sin(a), 0.0)
