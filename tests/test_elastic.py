@@ -123,7 +123,7 @@ def test_laws_agree_at_small_strain(d):
 
 
 def test_saint_venant_kirchhoff_in_simple_shear():
-    for row in table("svk_simple_shear_E1_nu0.3.csv"):
+    for row in table("solid/svk_simple_shear_E1_nu0.3.csv"):
         h = jnp.array([[0.0, row["gamma"]], [0.0, 0.0]])
         stress = stress_of(LAWS[0], h)
         sigma = cauchy_of(LAWS[0], h)
@@ -134,7 +134,7 @@ def test_saint_venant_kirchhoff_in_simple_shear():
 
 
 def test_saint_venant_kirchhoff_in_uniaxial_tension():
-    for row in table("svk_uniaxial_plane_strain_E1_nu0.3.csv"):
+    for row in table("solid/svk_uniaxial_plane_strain_E1_nu0.3.csv"):
         h = jnp.diag(jnp.array([row["stretch_1"], row["stretch_2"]]) - 1)
         stress = stress_of(LAWS[0], h)
         # the stretch across has ten digits, and the moduli are about 1
@@ -164,7 +164,7 @@ def test_neo_hookean_resists_collapse_and_is_not_defined_inside_out():
 
 
 def test_wave_speed_is_that_of_the_table():
-    for row in table("bar_wave.csv"):
+    for row in table("solid/bar_wave.csv"):
         assert p_wave_speed(row["E"], row["nu"], row["rho"]) == pytest.approx(row["c_p"], rel=1e-9)  # ten digits
 
 

@@ -153,7 +153,7 @@ def test_wave_in_a_bar_arrives_when_it_should():
     The front counts as arrived when half of the speed that it brings is there. It is late by one spacing, 5 % at 20
     of them along the bar and 1 % at 80.
     """
-    with open(REFERENCE / "bar_wave.csv", encoding="utf-8") as file:
+    with open(REFERENCE / "solid" / "bar_wave.csv", encoding="utf-8") as file:
         row = {key: float(value) for key, value in next(iter(csv.DictReader(file))).items()}
     length, arrival = row["L"], row["arrival_time"]
     spacing, rise, speed = 0.0125, 0.3 * row["arrival_time"], 1e-3
