@@ -6,7 +6,7 @@ check_jax_version()
 
 from jaxsph import observe, scenes  # noqa: E402
 from jaxsph.density import EDAC, ContinuityDensity, SummationDensity  # noqa: E402
-from jaxsph.dynamics import stable_time_step, topologies  # noqa: E402
+from jaxsph.dynamics import stable_substeps, stable_time_step, topologies  # noqa: E402
 from jaxsph.effects import (  # noqa: E402
     ArtificialViscosity,
     BodyForce,
@@ -131,6 +131,7 @@ __all__ = [
     "relax",
     "scenes",
     "simulate",
+    "stable_substeps",
     "stable_time_step",
     "topologies",
 ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from functools import partial
 from typing import Any
 
 import jax
@@ -11,8 +13,9 @@ import numpy as np
 from jaxsph import surroundings
 from jaxsph.effects import BodyForce, Damping, PenaltyForce
 from jaxsph.flow import FluidReference, WallReference, forces
-from jaxsph.pytree import is_concrete, pytree_dataclass
+from jaxsph.pytree import is_concrete, pytree_dataclass, replace
 from jaxsph.structure import Reference, Structure, elastic_acceleration, reference, topology
+from jaxsph.thin_wall import thin_wall
 
 
 @pytree_dataclass
@@ -22,17 +25,19 @@ class Order:
     Attributes:
         order: (N,) the user's index of each particle in this order.
         rank: (N,) place in this order of each of the user's particles.
+        thin: a `ThinWall` if it is a wall thinner than the support radius.
     """
 
     order: Any
     rank: Any
+    thin: Any = None
 
     @classmethod
-    def of(cls, order: np.ndarray) -> Order:
+    def of(cls, order: np.ndarray, thin: Any = None) -> Order:
         """With the rank that belongs to an order."""
         rank = np.empty(len(order), np.int64)
         rank[order] = np.arange(len(order))
-        return cls(order.astype(np.int32), rank.astype(np.int32))
+        return cls(order.astype(np.int32), rank.astype(np.int32), thin)
 
 
 def in_cell_order(scene, positions) -> np.ndarray:
@@ -62,17 +67,26 @@ def topologies(scene, state=None, *, skin=None, capacity_multiplier=surroundings
     """
     found: dict[str, Any] = {structure.name: topology(structure) for structure in scene.structures}
     positions: dict[str, Any] = {}
-    for system in [*scene.fluids, *scene.walls]:
-        here = system.particles.positions
-        if state is not None and "position" in state.systems[system.name]:
-            here = state.systems[system.name]["position"]
+    for system in [*scene.fluids, *scene.boundaries]:
+        here, fields = system.particles.positions, {} if state is None else state.systems[system.name]
+        if "position" in fields:
+            here = fields["position"]
+        elif "displacement" in fields:
+            here = here + fields["displacement"]
         if not is_concrete(here, scene.smoothing_length):
             raise ValueError(
                 f"the positions of {system.name!r} or the smoothing length are traced, so neighbors cannot be found "
                 "here; compute jaxsph.topologies(scene) outside of jit/grad and pass it as topologies_of_scene="
             )
-        order = in_cell_order(scene, here)
-        found[system.name] = Order.of(order)
+        thin = None
+        if getattr(system, "thickness", None) is not None:
+            thin = thin_wall(scene.kernel, scene.dimension, system.thickness, float(scene.smoothing_length))
+        if isinstance(system, Structure):
+            order = found[system.name].order  # that of its reference configuration
+            found[system.name] = replace(found[system.name], thin=thin)
+        else:
+            order = in_cell_order(scene, here)
+            found[system.name] = Order.of(order, thin)
         positions[system.name] = np.asarray(here)[order].T
     if scene.fluids:
         # Known positions stay known inside jit too.
@@ -95,17 +109,28 @@ def prepare(scene, topologies: dict[str, Any]) -> dict[str, Any]:
             volume = jnp.asarray(np.mean(volumes, dtype=np.float64), scene.dtype)
         else:
             volume = jnp.asarray(volumes)[order]
-        ready[wall.name] = WallReference(jnp.asarray(wall.particles.positions)[order].T, volume)
+        ready[wall.name] = WallReference(
+            jnp.asarray(wall.particles.positions)[order].T, volume, topologies[wall.name].thin
+        )
     return ready
 
 
-def place_walls(scene, references, time) -> dict:
-    """Positions, velocities and accelerations (d, N) of all walls at a time [s]."""
-    return {wall.name: wall.placed(references[wall.name].positions, time) for wall in scene.walls}
+def place_boundaries(scene, references, columns, time) -> dict:
+    """Positions, velocities and accelerations (d, N) of walls at a time [s], and of structures as they are.
+
+    The acceleration of a structure counts as zero. Extrapolating the pressure with the one that it has would add mass
+    to it, with a delay that makes light structures unstable.
+    """
+    placed = {wall.name: wall.placed(references[wall.name].positions, time) for wall in scene.walls}
+    for structure in scene.structures:
+        fields, positions = columns[structure.name], references[structure.name].positions
+        velocity = fields.get("mean_velocity", fields["velocity"])
+        placed[structure.name] = (positions + fields["displacement"], velocity, jnp.zeros_like(positions))
+    return placed
 
 
 def positions_of(scene, columns, placed) -> dict:
-    """Positions (d, N) [m] of all systems that have neighbor lists which are built anew."""
+    """Positions (d, N) [m] of all systems that have neighbor lists which are built anew; placed by `place_boundaries`."""
     positions = {fluid.name: columns[fluid.name]["position"] for fluid in scene.fluids}
     return positions | {name: place[0] for name, place in placed.items()}
 
@@ -115,7 +140,8 @@ def accelerations(
 ) -> dict:
     """By structure and fluid what a step needs: `acceleration` (d, N) [m/s^2], and what effects remember.
 
-    Zero for clamped particles.
+    Of structures that meet fluids also `surface_acceleration`, the part of it that fluids cause. Zero for clamped
+    particles.
 
     Args:
         scene: what is in the world.
@@ -123,46 +149,57 @@ def accelerations(
         columns: by system its fields (..., N).
         time: [s].
         lists: neighbor lists of the fluids.
-        placed: from `place_walls`.
+        placed: from `place_boundaries`.
         forward_mode: see `pair_sum`.
     """
-    gravity = jnp.asarray(scene.gravity)[:, None]
-    damping, penalty = scene.effect(Damping), scene.effect(PenaltyForce)
     out = {}
-    for structure in scene.structures:
-        ready, fields = references[structure.name], columns[structure.name]
-        displacement = fields["displacement"]
-        if "remainder" in fields:
-            displacement = (displacement, fields["remainder"])
-        total = elastic_acceleration(structure, ready, displacement, penalty, forward_mode=forward_mode)
-        total = total + gravity
-        if damping is not None:
-            total = total + damping.acceleration(fields["velocity"])
-        for effect in scene.effects:
-            if isinstance(effect, BodyForce):
-                total = total + effect.acceleration(ready.positions + fields["displacement"], time)
-        out[structure.name] = {"acceleration": ready.moving * total}
     if scene.fluids:
         out |= forces(scene, references, columns, placed, lists, time, forward_mode=forward_mode)
+    for structure in scene.structures:
+        ready, fields = references[structure.name], columns[structure.name]
+        own = structure_acceleration(scene, structure, ready, fields, time, forward_mode=forward_mode)
+        from_fluids = out.get(structure.name, {})
+        out[structure.name] = {**from_fluids, "acceleration": own + from_fluids.get("surface_acceleration", 0.0)}
     return out
+
+
+def structure_acceleration(scene, structure, ready: Reference, fields, time, *, forward_mode: bool = False):
+    """Acceleration (d, N) [m/s^2] of a structure by its stresses and what acts from outside, without fluids."""
+    damping, penalty = scene.effect(Damping), scene.effect(PenaltyForce)
+    displacement = fields["displacement"]
+    if "remainder" in fields:
+        displacement = (displacement, fields["remainder"])
+    total = elastic_acceleration(structure, ready, displacement, penalty, forward_mode=forward_mode)
+    total = total + jnp.asarray(scene.gravity)[:, None]
+    if damping is not None:
+        total = total + damping.acceleration(fields["velocity"])
+    for effect in scene.effects:
+        if isinstance(effect, BodyForce):
+            total = total + effect.acceleration(ready.positions + fields["displacement"], time)
+    return ready.moving * total
 
 
 def constrain(scene, references: dict[str, Any], columns: dict, time) -> dict:
     """Put clamped particles where their prescribed motion wants them at a time [s]."""
     out = dict(columns)
     for structure in scene.structures:
-        if structure.motion is not None:
-            ready, fields = references[structure.name], columns[structure.name]
-            place, speed = prescribed(structure, ready, time)
-            moving = ready.moving
-            if "remainder" in fields:
-                fields = {**fields, "remainder": moving * fields["remainder"]}
-            out[structure.name] = {
-                **fields,
-                "displacement": moving * fields["displacement"] + (1 - moving) * place,
-                "velocity": moving * fields["velocity"] + (1 - moving) * speed,
-            }
+        out[structure.name] = held(structure, references[structure.name], columns[structure.name], time)
     return out
+
+
+def held(structure: Structure, ready: Reference, fields: dict, time) -> dict:
+    """The fields of a structure with its clamped particles where their motion wants them at a time [s]."""
+    if structure.motion is None:
+        return fields
+    place, speed = prescribed(structure, ready, time)
+    moving = ready.moving
+    if "remainder" in fields:
+        fields = {**fields, "remainder": moving * fields["remainder"]}
+    return {
+        **fields,
+        "displacement": moving * fields["displacement"] + (1 - moving) * place,
+        "velocity": moving * fields["velocity"] + (1 - moving) * speed,
+    }
 
 
 def prescribed(structure: Structure, ready: Reference, time):
@@ -180,35 +217,45 @@ SOUND_LIMIT, VISCOUS_LIMIT = 0.8, 0.25
 SAFETY = 0.9  # of the stable step: the power iteration comes from below, and stretched bodies get stiffer
 
 
-def largest_stable_time_step(scene, references: dict[str, Any]):
+def largest_stable_time_step(scene, references: dict[str, Any], substeps: tuple | None = None):
+    """Largest stable step [s] of a scene: of its structures, `structure_time_step`; with fluids, `fluid_time_step`.
+
+    In a scene with fluids structures take many small steps in one of the fluids: they limit it only if it is known how
+    many, substeps = (("plate", 12), ...).
+    """
+    limit = jnp.asarray(jnp.inf, scene.dtype)
+    for structure in scene.structures:
+        steps = 1 if not scene.fluids else dict(substeps or ()).get(structure.name)
+        if steps is not None:
+            limit = jnp.minimum(limit, steps * structure_time_step(scene, structure, references[structure.name]))
+    for fluid in scene.fluids:
+        limit = jnp.minimum(limit, fluid_time_step(scene, fluid))
+    return limit
+
+
+def structure_time_step(scene, structure, ready: Reference):
     """2 / w_max [s]: the limit of the kick-drift-kick step for the fastest vibration of the reference configuration.
 
     The frequency comes from a power iteration on the linearised elastic forces, so it holds for any kernel,
     arrangement of particles, law and penalty; it is of the order of the spacing over the p-wave speed.
     """
-    highest = jnp.zeros((), scene.dtype)
-    for structure in scene.structures:
-        ready, penalty = references[structure.name], scene.effect(PenaltyForce)
+    penalty = scene.effect(PenaltyForce)
 
-        def stiffness(direction, structure=structure, ready=ready, penalty=penalty):
-            force = lambda u: elastic_acceleration(structure, ready, u, penalty, forward_mode=True)  # noqa: E731
-            return -ready.moving * jax.jvp(force, (jnp.zeros_like(direction),), (direction,))[1]
+    def stiffness(direction):
+        force = lambda u: elastic_acceleration(structure, ready, u, penalty, forward_mode=True)  # noqa: E731
+        return -ready.moving * jax.jvp(force, (jnp.zeros_like(direction),), (direction,))[1]
 
-        start = np.random.default_rng(0).standard_normal(ready.positions.shape)
-        vector = ready.moving * jnp.asarray(start, ready.positions.dtype)
+    start = np.random.default_rng(0).standard_normal(ready.positions.shape)
+    vector = ready.moving * jnp.asarray(start, ready.positions.dtype)
 
-        def iterate(carry, _, stiffness=stiffness):
-            vector, _ = carry
-            vector = vector / jnp.sqrt(jnp.maximum(jnp.sum(vector**2), jnp.finfo(vector.dtype).tiny))
-            image = stiffness(vector)
-            return (image, jnp.sqrt(jnp.sum(image**2))), None
+    def iterate(carry, _):
+        vector, _ = carry
+        vector = vector / jnp.sqrt(jnp.maximum(jnp.sum(vector**2), jnp.finfo(vector.dtype).tiny))
+        image = stiffness(vector)
+        return (image, jnp.sqrt(jnp.sum(image**2))), None
 
-        (_, squared), _ = jax.lax.scan(iterate, (vector, jnp.zeros((), vector.dtype)), length=POWER_ITERATIONS)
-        highest = jnp.maximum(highest, squared)
-    limit = 2 / jnp.sqrt(jnp.maximum(highest, jnp.finfo(highest.dtype).tiny))
-    for fluid in scene.fluids:
-        limit = jnp.minimum(limit, fluid_time_step(scene, fluid))
-    return limit
+    (_, squared), _ = jax.lax.scan(iterate, (vector, jnp.zeros((), vector.dtype)), length=POWER_ITERATIONS)
+    return 2 / jnp.sqrt(jnp.maximum(squared, jnp.finfo(squared.dtype).tiny))
 
 
 def fluid_time_step(scene, fluid):
@@ -226,24 +273,43 @@ def fluid_time_step(scene, fluid):
     return limit
 
 
-def largest_stable(scene, found: dict[str, Any]) -> float:
+def largest_stable(scene, found: dict[str, Any], substeps: tuple | None = None) -> float:
     """`largest_stable_time_step` as a plain number [s]. Outside of transformations.
 
     Raises ValueError if no particle can move.
     """
     if not scene.fluids and all(np.all(structure.clamped) for structure in scene.structures):
         raise ValueError("no particle of the scene can move: all are clamped")
-    return float(_limit(scene, found))
+    return float(_limit(scene, found, substeps))
 
 
 def stable_time_step(scene, found: dict[str, Any] | None = None) -> float:
     """The time step [s] that `simulate` takes by default: .9 of the largest stable one.
+
+    With fluids that is theirs; `stable_substeps` says into how many steps structures divide it.
 
     Raises ValueError if no particle can move.
     """
     return SAFETY * largest_stable(scene, topologies(scene) if found is None else found)
 
 
+def stable_substeps(scene, time_step: float, found: dict[str, Any] | None = None) -> dict[str, int]:
+    """By structure the number of steps that it takes within one of the fluids [s]: .9 of its largest stable, or less.
+
+    Of a scene without fluids all are 1. For a fit take the stiffest and lightest scene that can occur.
+    """
+    if not scene.fluids:
+        return {structure.name: 1 for structure in scene.structures}
+    limits = _structure_limits(scene, topologies(scene) if found is None else found)
+    return {name: max(1, math.ceil(float(time_step) / (SAFETY * float(limit)))) for name, limit in limits.items()}
+
+
+@partial(jax.jit, static_argnames="substeps")
+def _limit(scene, found, substeps):
+    return largest_stable_time_step(scene, prepare(scene, found), substeps)
+
+
 @jax.jit
-def _limit(scene, found):
-    return largest_stable_time_step(scene, prepare(scene, found))
+def _structure_limits(scene, found):
+    references = prepare(scene, found)
+    return {s.name: structure_time_step(scene, s, references[s.name]) for s in scene.structures}

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxsph import checks
-from jaxsph.dynamics import accelerations, constrain, place_walls, positions_of
-from jaxsph.flow import density_rates, keep_mean, keep_volume, pressure_rates, summed_deviations
+from jaxsph.dynamics import (
+    accelerations,
+    constrain,
+    held,
+    place_boundaries,
+    positions_of,
+    structure_acceleration,
+)
+from jaxsph.flow import density_rates, forces, keep_mean, keep_volume, pressure_rates, summed_deviations
 from jaxsph.pytree import pytree_dataclass, static
 from jaxsph.surroundings import rebuild
 from jaxsph.walls import WallSummation
@@ -23,31 +32,111 @@ class KickDriftKick:
 
     Structures need one evaluation of their forces, fluids one of the density's rate and one of the forces. Drag and
     viscosity enter with the velocity of the half step.
+
+    Structures beside fluids take `substeps` small steps in one of the fluids, each a kick-drift-kick by their stresses,
+    between two half kicks by the fluids: M. Tuckerman, B. J. Berne, G. J. Martyna (1992), J. Chem. Phys. 97, 1990, eq.
+    (2.20). Both sides get the same impulse, so momentum is exchanged to round-off. Fluids see a structure with its mean
+    velocity over the step: its vibrations, which they can't follow, do not shake them.
+
+    Attributes:
+        substeps: of structures beside fluids, {"plate": 12} or one number for all; None takes `stable_substeps`.
     """
+
+    substeps: Any = static(default=None)
+
+    def __post_init__(self):
+        counts = self.substeps
+        for count in counts.values() if isinstance(counts, dict) else () if counts is None else (counts,):
+            if not (isinstance(count, (int, np.integer)) and count >= 1):
+                raise ValueError(f"substeps = {counts!r} must be whole numbers of at least 1")
+        if isinstance(counts, dict):
+            object.__setattr__(self, "substeps", tuple(sorted((k, int(n)) for k, n in counts.items())))
+
+    def for_scene(self, scene, stable: Callable[[], dict]) -> KickDriftKick:
+        """With the number of substeps of every structure that meets fluids, where none is given those of `stable()`."""
+        names = [structure.name for structure in scene.structures] if scene.fluids else []
+        if isinstance(self.substeps, tuple):
+            unknown = [name for name, _ in self.substeps if name not in [s.name for s in scene.structures]]
+            if unknown:
+                raise ValueError(f"substeps are given for {unknown}; the scene's structures are {names}")
+        given = dict(self.substeps) if isinstance(self.substeps, tuple) else dict.fromkeys(names, self.substeps)
+        if any(given.get(name) is None for name in names):
+            found = stable()
+            given = {name: found[name] if given.get(name) is None else given[name] for name in names}
+        return KickDriftKick({name: given[name] for name in names})
 
     def step(self, scene, references, columns, lists, time, time_step, *, forward_mode: bool):
         """Advance all systems from `time` by one step [s]."""
-        half = 0.5 * time_step
+        half, counts = 0.5 * time_step, dict(self.substeps or ())
         moved = dict(columns)
         for structure in scene.structures:
-            fields = columns[structure.name]
-            velocity = fields["velocity"] + half * fields["acceleration"]
-            moved[structure.name] = {**_drift(fields, time_step * velocity), "velocity": velocity}
-        moved = constrain(scene, references, moved, time + time_step)
-        placed = place_walls(scene, references, time + time_step) if scene.fluids else None
-        if scene.fluids:
-            moved |= _flow(scene, references, columns, lists, time, time_step, placed, forward_mode)
-        rates = accelerations(scene, references, moved, time + time_step, lists, placed, forward_mode=forward_mode)
-        for name, found in rates.items():
-            velocity = moved[name]["velocity"] + half * found["acceleration"]
-            moved[name] = {**moved[name], **found, "velocity": velocity}
+            moved[structure.name] = _structure_step(
+                scene, structure, references[structure.name], columns[structure.name], time, time_step,
+                counts.get(structure.name, 1), forward_mode,
+            )  # fmt: skip
+        if not scene.fluids:
+            return moved
+        moved = _flow(scene, references, columns, moved, lists, time, time_step, forward_mode)
+        placed = place_boundaries(scene, references, moved, time + time_step)
+        found = forces(scene, references, moved, placed, lists, time + time_step, forward_mode=forward_mode)
+        for name, changed in found.items():
+            fields = moved[name]
+            if "surface_acceleration" in changed:
+                kick = changed["surface_acceleration"]
+                own = {k: v for k, v in fields.items() if k != "mean_velocity"}
+                changed = {**changed, "acceleration": fields["acceleration"] + kick}
+                moved[name] = {**own, **changed, "velocity": fields["velocity"] + half * kick}
+            else:
+                moved[name] = {
+                    **fields, **changed, "velocity": fields["velocity"] + half * changed["acceleration"]
+                }  # fmt: skip
         return moved
 
 
-def _flow(scene, references, columns, lists, time, time_step, placed, forward_mode):
-    """Fluids half kicked and drifted, their densities, and walls where they are at the end of the step."""
+def _structure_step(scene, structure, ready, fields, time, time_step, n_steps, forward_mode):
+    """A structure kicked by the fluids at the start of a step, then n_steps steps by its own forces.
+
+    Beside fluids with its `mean_velocity`, and with the acceleration by its own forces alone.
+    """
+    begin = fields
+    dt = time_step / n_steps
+    if "surface_acceleration" in fields:
+        kick = fields["surface_acceleration"]
+        velocity = fields["velocity"] + 0.5 * time_step * kick
+        fields = {**fields, "velocity": velocity, "acceleration": fields["acceleration"] - kick}
+
+    def small_step(fields, number):
+        now = time + number.astype(dt.dtype) * dt
+        velocity = fields["velocity"] + 0.5 * dt * fields["acceleration"]
+        moved = {**fields, **_drift(fields, dt * velocity), "velocity": velocity}
+        moved = held(structure, ready, moved, now + dt)
+        found = structure_acceleration(scene, structure, ready, moved, now + dt, forward_mode=forward_mode)
+        return {**moved, "acceleration": found, "velocity": moved["velocity"] + 0.5 * dt * found}, None
+
+    if n_steps == 1:
+        fields, _ = small_step(fields, jnp.zeros((), jnp.int32))
+    else:
+        if not forward_mode:
+            keep = jax.checkpoint_policies.save_only_these_names("displacement_gradient")
+            small_step = jax.checkpoint(small_step, policy=keep, prevent_cse=False)
+        fields, _ = jax.lax.scan(small_step, fields, jnp.arange(n_steps, dtype=jnp.int32))
+    if "surface_acceleration" in fields:
+        way = fields["displacement"] - begin["displacement"]
+        if "remainder" in fields:
+            way = way + (fields["remainder"] - begin["remainder"])
+        fields = {**fields, "mean_velocity": way / time_step}
+    return fields
+
+
+def _flow(scene, references, columns, moved, lists, time, time_step, forward_mode):
+    """Fluids half kicked and drifted, their densities, and boundaries where they are at the end of the step.
+
+    moved: with the structures at the end of the step.
+    """
     half = 0.5 * time_step
-    moved = {wall.name: dict(columns[wall.name]) for wall in scene.walls}
+    moved = dict(moved)
+    for wall in scene.walls:
+        moved[wall.name] = dict(columns[wall.name])
     for fluid in scene.fluids:
         fields = dict(columns[fluid.name])
         fields["velocity"] = fields["velocity"] + half * fields["acceleration"]
@@ -55,8 +144,13 @@ def _flow(scene, references, columns, lists, time, time_step, placed, forward_mo
         moved[fluid.name] = fields
     evolved = scene.density.evolved
     if evolved is not None:
-        middle = place_walls(scene, references, time + half)
-        rates = _rates_of(evolved)(scene, references, moved, middle, lists, forward_mode=forward_mode)
+        halfway = dict(moved)
+        for structure in scene.structures:
+            now, before = moved[structure.name], columns[structure.name]
+            middle = 0.5 * (now["displacement"] + before["displacement"])
+            halfway[structure.name] = {**now, "displacement": middle}
+        middle = place_boundaries(scene, references, halfway, time + half)
+        rates = _rates_of(evolved)(scene, references, halfway, middle, lists, forward_mode=forward_mode)
         for name, rate in rates.items():
             moved[name] = {**moved[name], evolved: moved[name][evolved] + time_step * rate}
         keep = keep_volume if evolved == "density_deviation" else keep_mean
@@ -64,6 +158,7 @@ def _flow(scene, references, columns, lists, time, time_step, placed, forward_mo
     for fluid in scene.fluids:
         fields = moved[fluid.name]
         moved[fluid.name] = {**fields, "position": fields["position"] + half * _path(fields)}
+    placed = place_boundaries(scene, references, moved, time + time_step)
     for wall in scene.walls:
         if wall.motion is not None:
             position, velocity, _ = placed[wall.name]
@@ -139,7 +234,7 @@ class Diffrax:
             fields = constrain(scene, references, {**columns, **y}, time)
             lists, placed, changes = {}, None, {}
             if scene.fluids:
-                placed = place_walls(scene, references, time)
+                placed = place_boundaries(scene, references, fields, time)
                 fields = {**fields, **{wall.name: dict(fields[wall.name]) for wall in scene.walls}}
                 for wall in scene.walls:
                     if wall.motion is not None:
@@ -213,5 +308,5 @@ def _solved(scene, name, fields):
     else:
         names = ["displacement", "position", "velocity", "density_deviation", "pressure"]
     summed = {fluid.name for fluid in scene.fluids if scene.density.summed}
-    summed |= {wall.name for wall in scene.walls if isinstance(wall.pressure, WallSummation)}
+    summed |= {wall.name for wall in scene.boundaries if isinstance(wall.pressure, WallSummation)}
     return [k for k in names if k in fields and not (k == "density_deviation" and name in summed)]

@@ -106,6 +106,11 @@ class Scene:
         return [system for system in self.systems if isinstance(system, Wall)]
 
     @property
+    def boundaries(self) -> list[Wall | Structure]:
+        """What fluids meet beside each other: walls and structures; walls alone if there is no fluid."""
+        return [*self.walls, *(self.structures if self.fluids else ())]
+
+    @property
     def flow_effects(self) -> list:
         """The effects that take part in the sums of fluids."""
         return [effect for effect in self.effects if isinstance(effect, FlowEffect)]

@@ -21,9 +21,10 @@ from jaxsph.dynamics import (
     in_cell_order,
     largest_stable,
     largest_stable_time_step,
-    place_walls,
+    place_boundaries,
     positions_of,
     prepare,
+    stable_substeps,
     topologies,
 )
 from jaxsph.effects import ShepardFilter
@@ -100,11 +101,6 @@ def simulate(
     """
     if mode not in ("reverse", "forward"):
         raise ValueError(f"mode {mode!r} must be 'reverse' or 'forward'")
-    if scene.fluids and scene.structures:
-        raise ValueError(
-            "the coupling of fluids and structures is not there yet: in one run they would pass through each other. "
-            "Put them into two scenes"
-        )
     n_saves, save_every = _intervals(t_end, save_every)
     traced = not is_concrete(scene, state)
     if topologies_of_scene is None:
@@ -135,6 +131,10 @@ def simulate(
         wanted = _steps_between_builds(scene, found, state, save_every / n_steps, max_speed)
         n_steps, rebuild_every = _in_builds(n_steps, wanted)
     taken = save_every / n_steps
+    if isinstance(integrator, KickDriftKick):
+        integrator = integrator.for_scene(scene, lambda: _stable_substeps(scene, found, taken))
+        if limit is not None and integrator.substeps:
+            _check_substeps(scene, found, integrator.substeps, taken)
     if state is None:
         state = initial_state(scene)
     check_state(state, scene)
@@ -156,6 +156,25 @@ def simulate(
     return Trajectory(scene, states, float(taken))
 
 
+def _stable_substeps(scene, found, time_step):
+    if not is_concrete(scene):
+        raise ValueError(
+            "substeps are needed when numbers of a scene with fluids and structures are traced: their number is compiled "
+            "in. Pass integrator=KickDriftKick(jaxsph.stable_substeps(scene, time_step)) of the stiffest and lightest "
+            "scene that can occur"
+        )
+    return stable_substeps(scene, time_step, found)
+
+
+def _check_substeps(scene, found, substeps, time_step):
+    limit = largest_stable(scene, found, substeps)
+    if time_step > limit * (1 + 1e-6):
+        raise UnstableTimeStep(
+            f"with {dict(substeps)} substeps the largest stable time step is {limit:.4g} s, and {time_step:.4g} s is "
+            f"taken; it needs {stable_substeps(scene, time_step, found)}"
+        )
+
+
 def _intervals(t_end, save_every):
     checks.check_time("t_end", t_end)
     if save_every is None:
@@ -175,8 +194,8 @@ def _steps_between_builds(scene, found, state, time_step, max_speed) -> int:
     if max_speed is None:
         fastest = [0.1 * float(fluid.sound_speed) for fluid in scene.fluids if is_concrete(fluid.sound_speed)]
         if is_concrete(state, scene.systems):
-            for fluid in scene.fluids:
-                velocity = fluid.velocity if state is None else state.systems[fluid.name]["velocity"]
+            for system in [*scene.fluids, *scene.structures]:
+                velocity = system.velocity if state is None else state.systems[system.name]["velocity"]
                 fastest.append(float(np.sqrt(np.max(np.sum(np.asarray(velocity) ** 2, axis=-1)))))
         if not fastest:
             raise ValueError("max_speed is needed when the sound speed is traced: it decides how often lists are built")
@@ -211,7 +230,7 @@ def _lists(scene, references, columns, found, time):
     """Neighbor lists of the fluids, and walls where they are at a time."""
     if not scene.fluids:
         return None, None
-    placed = place_walls(scene, references, time)
+    placed = place_boundaries(scene, references, columns, time)
     return surroundings.rebuild(scene, found, positions_of(scene, columns, placed)), placed
 
 
@@ -238,7 +257,9 @@ def _advance(
     def checkpointed(function):
         if forward_mode:
             return function
-        keep = jax.checkpoint_policies.save_only_these_names("displacement_gradient")
+        # Not of the many small steps of structures beside fluids.
+        names = () if scene.fluids else ("displacement_gradient",)
+        keep = jax.checkpoint_policies.save_only_these_names(*names)
         return jax.checkpoint(function, policy=keep, prevent_cse=False)
 
     def between_builds(carry, numbers):
@@ -255,7 +276,7 @@ def _advance(
         step = checkpointed(lambda carry, number, lists: one_step(carry, number, lists))
         columns, _ = jax.lax.scan(lambda carry, number: step(carry, number, lists), columns, numbers)
         assert lists is not None  # this is for scenes with fluids
-        placed = place_walls(scene, references, time_of(numbers[-1] + 1))
+        placed = place_boundaries(scene, references, columns, time_of(numbers[-1] + 1))
         positions = positions_of(scene, columns, placed)
         health = surroundings.note(health, lists, positions, state.step + numbers[-1] + 1)
         return (columns, health), None
@@ -305,7 +326,7 @@ def _run_traced(
         return first, _solve(
             scene, references, columns, state, found, time_step, n_saves, n_steps, integrator, forward_mode
         )
-    limit = largest_stable_time_step(*jax.lax.stop_gradient((scene, references)))
+    limit = largest_stable_time_step(*jax.lax.stop_gradient((scene, references)), integrator.substeps)
     dt = jnp.asarray(time_step, scene.dtype)
     state = replace(state, health=state.health.note(dt > limit, UNSTABLE, state.step, dt, limit))
     steps, kept = n_saves * n_steps, 2 * sum(leaf.nbytes for leaf in jax.tree.leaves(columns))
@@ -412,7 +433,7 @@ def _to_next_save(scene, references, columns, state, found, time_step, options):
             options = {**options, "rebuild_every": options["rebuild_every"] // 2}
         elif reason == BEYOND_SKIN and np.isfinite(float(new.health.number)):
             # One step alone is too much for this skin: the fluid is faster than a few times its sound speed's tenth.
-            placed = place_walls(scene, references, state.time)
+            placed = place_boundaries(scene, references, columns, state.time)
             positions = positions_of(scene, columns, placed)
             found = {**found, **surroundings.allocate(scene, positions, skin=2 * float(new.health.limit))}
         elif reason == OVERFLOW and np.isfinite(float(new.health.number)):

@@ -25,7 +25,8 @@ class State:
         step: number of steps taken.
         systems: by name of the system, its fields, particle first and in the user's order. A structure has
             `displacement` (N, d) [m], `velocity` (N, d) [m/s], `acceleration` (N, d) [m/s^2], and in float32
-            `remainder` (N, d) [m], what rounding left out of the displacement (see docs/formulation.md). A fluid has
+            `remainder` (N, d) [m], what rounding left out of the displacement (see docs/formulation.md); beside fluids also
+            `surface_acceleration` (N, d) [m/s^2], the part of its acceleration that they cause. A fluid has
             `position`, `velocity`, `acceleration` (N, d) and `density_deviation` (N,), rho - rho_0 [kg/m^3]; with
             `ParticleShifting` or `TransportVelocity` a `shift` (N, d) [m/s], with `DeltaDiffusion` a
             `density_gradient` (N, d), with `TensileControl` a `cover` (N,), with the density calculator `EDAC` a
@@ -58,6 +59,8 @@ def _initial_fields(scene, system) -> dict:
         free = (~system.clamped)[:, None]
         velocity = jnp.where(free, jnp.broadcast_to(jnp.asarray(system.velocity), shape), zero)
         fields = {"displacement": zero, "velocity": velocity, "acceleration": zero}
+        if scene.fluids:
+            fields |= {"surface_acceleration": zero} | _remembered(system, shape, dtype)
         return fields | ({"remainder": zero} if dtype == np.float32 else {})
     if isinstance(system, Fluid):
         fields = {
@@ -76,9 +79,13 @@ def _initial_fields(scene, system) -> dict:
     if system.motion is not None:
         position, velocity, _ = system.placed(jnp.asarray(system.particles.positions).T, jnp.zeros((), dtype))
         fields |= {"position": position.T, "velocity": velocity.T}
-    if isinstance(system.pressure, (WallContinuity, WallSummation)):
-        fields["density_deviation"] = jnp.zeros(shape[:1], dtype)
-    return fields
+    return fields | _remembered(system, shape, dtype)
+
+
+def _remembered(boundary, shape, dtype) -> dict:
+    """What the model of a boundary's pressure remembers."""
+    has_density = isinstance(boundary.pressure, (WallContinuity, WallSummation))
+    return {"density_deviation": jnp.zeros(shape[:1], dtype)} if has_density else {}
 
 
 def to_columns(systems: dict, topologies: dict) -> dict:

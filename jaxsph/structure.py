@@ -25,6 +25,7 @@ from jaxsph.materials.elastic import ElasticLaw, StVenantKirchhoff, lame_paramet
 from jaxsph.pair_sum import Edges, PairList, apply, dot, pair_edges, pair_sum
 from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, replace, static
 from jaxsph.tensors import inverse, multiply, transpose
+from jaxsph.walls import AdamiExtrapolation, WallPressure
 
 SMOOTHING_LENGTH = 0.87
 """Smoothing length of a structure in particle spacings, for the Wendland C2 kernel: a compact neighborhood
@@ -49,6 +50,10 @@ class Structure:
         law: elastic law.
         kernel: smoothing kernel.
         smoothing_length: h [m]; None takes .87 spacings.
+        pressure: model of the pressure with which a fluid meets it, as of a `Wall`.
+        no_slip: whether viscous fluids stick to it.
+        thickness: of a plate that may be thinner than the support radius of the fluids [m]; they then meet it as if it
+            were as thick (see `jaxsph.thin_wall`). None takes it as thick.
 
     Raises:
         ValueError: a value out of its range, with the limit; a shape that does not fit.
@@ -65,6 +70,9 @@ class Structure:
     law: ElasticLaw = StVenantKirchhoff()
     kernel: Kernel = WendlandC2()
     smoothing_length: Any = None
+    pressure: WallPressure = AdamiExtrapolation()
+    no_slip: bool = static(default=True)
+    thickness: float | None = static(default=None)
 
     def __post_init__(self):
         n, d = self.particles.positions.shape
@@ -82,6 +90,10 @@ class Structure:
         object.__setattr__(self, "clamped", clamped)
         velocity = np.zeros(d) if self.velocity is None else self.velocity
         object.__setattr__(self, "velocity", as_real(velocity, real))
+        if not isinstance(self.pressure, WallPressure):
+            raise ValueError(
+                f"{self.name}.pressure is {self.pressure!r}; it must be a model such as AdamiExtrapolation()"
+            )
         h = SMOOTHING_LENGTH * self.particles.spacing if self.smoothing_length is None else self.smoothing_length
         object.__setattr__(self, "smoothing_length", as_real(h, real))
         self.check()
@@ -95,6 +107,8 @@ class Structure:
         n, d = np.shape(self.particles.positions)
         for name, unit in (("density", "kg/m^3"), ("youngs_modulus", "Pa"), ("smoothing_length", "m")):
             checks.check_positive(prefix + name, getattr(self, name), unit)
+        if self.thickness is not None:
+            checks.check_positive(prefix + "thickness", self.thickness, "m")
         checks.check_poisson_ratio(self.poisson_ratio)
         for name in ("density", "youngs_modulus", "poisson_ratio"):
             shape = np.shape(getattr(self, name))
@@ -103,6 +117,11 @@ class Structure:
         if np.shape(self.velocity) not in ((d,), (n, d)):
             raise ValueError(f"{prefix}velocity has shape {np.shape(self.velocity)}; it must be ({d},) or ({n}, {d})")
         checks.check_finite(f"{prefix}velocity", self.velocity)
+
+    @property
+    def moves(self) -> bool:
+        """Whether its particles change their places: always."""
+        return True
 
     @property
     def dimension(self) -> int:
@@ -128,11 +147,13 @@ class Topology:
         order: (N,) the user's index of each particle in cell order.
         rank: (N,) place in cell order of each of the user's particles.
         neighbors: list of the reference configuration, in cell order, with the coincident left out.
+        thin: a `ThinWall` if fluids meet it and it is thinner than their support radius.
     """
 
     order: Any
     rank: Any
     neighbors: PairList
+    thin: Any = None
 
 
 def topology(structure: Structure) -> Topology:
@@ -207,6 +228,7 @@ class Reference:
     volume: Any
     moving: Any
     positions: Any
+    thin: Any = None
 
 
 def reference(structure: Structure, topology: Topology, *, penalty: bool) -> Reference:
@@ -245,6 +267,7 @@ def reference(structure: Structure, topology: Topology, *, penalty: bool) -> Ref
         volume=volume,
         moving=jnp.asarray(~structure.clamped[order], positions.dtype),
         positions=positions,
+        thin=topology.thin,
     )
 
 

@@ -28,8 +28,8 @@ def pairs_of(scene) -> list[tuple[str, str]]:
     """Names of the systems that meet: receiver and sender."""
     fluids = [fluid.name for fluid in scene.fluids]
     pairs = [(a, b) for i, a in enumerate(fluids) for b in fluids[i:]]
-    pairs += [(fluid, wall.name) for fluid in fluids for wall in scene.walls]
-    return pairs + [(w.name, w.name) for w in scene.walls if fluids and isinstance(w.pressure, WallSummation)]
+    pairs += [(fluid, wall.name) for fluid in fluids for wall in scene.boundaries]
+    return pairs + [(w.name, w.name) for w in scene.boundaries if fluids and isinstance(w.pressure, WallSummation)]
 
 
 def allocate(scene, positions: dict, *, skin: float | None = None, capacity_multiplier: float = CAPACITY_MULTIPLIER):

@@ -145,6 +145,8 @@ class Wall:
         motion: prescribed displacement, motion(t, X (N, d)) -> (N, d) [m], written with jax.numpy; zero at t = 0.
             None holds it still.
         velocity: (d,) [m/s] of the surface of a wall that stays where it is, such as a sliding lid.
+        thickness: of a plate that may be thinner than the support radius of the fluids [m]; they then meet it as if it
+            were as thick (see `jaxsph.thin_wall`). None takes it as thick.
 
     Raises:
         ValueError: a value out of its range, with the limit; a shape that does not fit.
@@ -156,6 +158,7 @@ class Wall:
     no_slip: bool = static(default=True)
     motion: Callable | None = static(default=None)
     velocity: Any = None
+    thickness: float | None = static(default=None)
 
     def __post_init__(self):
         if not isinstance(self.name, str) or not self.name.isidentifier():
@@ -172,8 +175,15 @@ class Wall:
 
     def check(self, prefix: str = "") -> None:
         """Raise ValueError if a number is out of its range or has a shape that does not fit. Traced ones pass."""
+        if self.thickness is not None:
+            checks.check_positive(f"{prefix}thickness", self.thickness, "m")
         if self.velocity is not None:
             checks.check_finite(f"{prefix}velocity", self.velocity, (self.dimension,))
+
+    @property
+    def moves(self) -> bool:
+        """Whether its particles change their places."""
+        return self.motion is not None
 
     @property
     def dimension(self) -> int:

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 import jaxsph as sph
-from jaxsph.dynamics import place_walls, positions_of, prepare
+from jaxsph.dynamics import place_boundaries, positions_of, prepare
 from jaxsph.flow import density_rates, forces, pressure, summed_deviations, wall_states
 from jaxsph.geometry import box, jitter, tank
 from jaxsph.pytree import replace
@@ -61,7 +61,7 @@ def sums(scene, found, systems, time=0.0, forward_mode=False):
     By system, particle first and in the user's order; summed densities replace those of the state, as in a step.
     """
     references, columns = prepare(scene, found), to_columns(systems, found)
-    placed = place_walls(scene, references, time)
+    placed = place_boundaries(scene, references, columns, time)
     lists = rebuild(scene, found, positions_of(scene, columns, placed))
     summed = summed_deviations(scene, references, columns, placed, lists, forward_mode=forward_mode)
     columns = {k: {**v, **({"density_deviation": summed[k]} if k in summed else {})} for k, v in columns.items()}

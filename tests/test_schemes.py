@@ -6,7 +6,7 @@ import pytest
 from fluids import SMOOTHING, AllPairs, assert_equal, periodic, stirred, sums
 
 import jaxsph as sph
-from jaxsph.dynamics import place_walls, positions_of, prepare
+from jaxsph.dynamics import place_boundaries, positions_of, prepare
 from jaxsph.flow import filtered, pressure_rates
 from jaxsph.geometry import box, tank
 from jaxsph.pytree import replace
@@ -17,7 +17,7 @@ from jaxsph.surroundings import rebuild
 def rates_of_pressure(scene, state, found=None):
     found = sph.topologies(scene) if found is None else found
     references, columns = prepare(scene, found), to_columns(state.systems, found)
-    placed = place_walls(scene, references, 0.0)
+    placed = place_boundaries(scene, references, columns, 0.0)
     lists = rebuild(scene, found, positions_of(scene, columns, placed))
     rates = pressure_rates(scene, references, columns, placed, lists)
     return {name: rows["rate"] for name, rows in to_rows({k: {"rate": v} for k, v in rates.items()}, found).items()}

@@ -18,6 +18,7 @@ UNITS: Mapping[str, str] = {
     "velocity": "m/s",
     "sound_speed": "m/s",
     "acceleration": "m/s^2",
+    "surface_acceleration": "m/s^2",
     "gravity": "m/s^2",
     "density": "kg/m^3",
     "mass": "kg",

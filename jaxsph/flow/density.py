@@ -47,12 +47,13 @@ def density_rates(scene, references, columns, placed, lists, *, forward_mode=Fal
             symmetry = None
             if same:
                 symmetry = {"divergence": 1} | ({"flux": -1} if active else {}) | ({"carried": 1} if carry else {})
-            total = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode)  # pyright: ignore
+            thin = references[other.name].thin if wall else None
+            total = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode, thin)  # pyright: ignore
             divergence = divergence + total["divergence"]
             flux = flux + total.get("flux", 0.0) + total.get("carried", 0.0)
         volume = own["mass"] / own["density"]
         rates[fluid.name] = scene.density.of_divergence(divergence, own["density"], volume) + flux / volume
-    for wall in scene.walls:
+    for wall in scene.boundaries:
         if isinstance(wall.pressure, WallContinuity):
             rates[wall.name] = _wall_rate(scene, wall, references, columns, placed, lists, forward_mode)
     return rates
@@ -68,7 +69,8 @@ def _wall_rate(scene, wall, references, columns, placed, lists, forward_mode):
         def of_pair(a, b, pair, fluid=fluid):
             return fluid.density * b["volume"] * dot(a["velocity"] - b["velocity"], pair.gradient)
 
-        total = total + over_pairs(scene, fluid, of_pair, own, senders, neighbors, None, forward_mode)
+        thin = references[wall.name].thin
+        total = total + over_pairs(scene, fluid, of_pair, own, senders, neighbors, None, forward_mode, thin)
     return total
 
 
@@ -90,7 +92,7 @@ def summed_deviations(scene, references, columns, placed, lists, *, forward_mode
             of_pair = lambda a, b, pair: scene.density.summed_mass(a, b) * pair.value  # noqa: E731
             total = total + over_pairs(scene, fluid, of_pair, own, senders, neighbors, None, forward_mode)
         out[fluid.name] = total - fluid.density
-    for wall in scene.walls:
+    for wall in scene.boundaries:
         if isinstance(wall.pressure, WallSummation):
             # One fluid gives the wall its rest density; more than one would leave it undefined.
             fluid = scene.fluids[0]

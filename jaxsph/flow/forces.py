@@ -16,8 +16,11 @@ from jaxsph.tensors import inverse
 
 
 def forces(scene, references, columns, placed, lists, time, *, forward_mode=False) -> dict:
-    """By fluid: `acceleration` (d, N) [m/s^2] and, if the scene calls for them, `shift` and `density_gradient`."""
-    effects = [effect for effect in scene.flow_effects if effect.force is not None]
+    """What a step needs of the forces on fluids, and of those that fluids exert on structures.
+
+    By fluid: `acceleration` (d, N) [m/s^2] and, if the scene calls for them, `shift` and `density_gradient`. By
+    structure: `surface_acceleration` (d, N) [m/s^2].
+    """
     outside = [effect for effect in scene.flow_effects if effect.acceleration is not None]
     shifting, delta = scene.effect(Shifting), scene.effect(DeltaDiffusion)
     carry = shifting is not None and not shifting.free_surface
@@ -27,49 +30,28 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
     means = {}
     if scene.density.averaged_pressure:
         means = mean_pressures(scene, references, columns, placed, lists, pressures, walls, forward_mode=forward_mode)
-    out = {}
+    fields = {}
     for fluid in scene.fluids:
         own = fluid_fields(fluid, references[fluid.name], columns[fluid.name])
         own["pressure"] = pressures[fluid.name]
-        if fluid.name in means:
-            own["mean_pressure"] = means[fluid.name]
         own.pop("density_gradient", None)  # that of the step before
+        fields[fluid.name] = own
+    out = {}
+    for fluid in scene.fluids:
+        own = fields[fluid.name]
+        if fluid.name in means:
+            own = {**own, "mean_pressure": means[fluid.name]}
         totals: dict[str, Any] = {}
         for other, neighbors in partners(scene, fluid, lists):
             same, wall = other is fluid, not isinstance(other, Fluid)
             if wall:
                 senders = wall_in_forces(fluid, other, references, placed, walls[other.name])
-            elif same:
-                senders = own
             else:
-                senders = fluid_fields(other, references[other.name], columns[other.name])
-                senders["pressure"] = pressures[other.name]
-                senders.pop("density_gradient", None)
-            viscous = fluid.viscosity is not None and (other.no_slip if wall else other.viscosity is not None)
-            active = [effect for effect in effects if effect.with_walls or not wall]
+                senders = own if same else fields[other.name]
+            force_of, active = pair_force(scene, fluid, other)
 
-            def of_pair(
-                a,
-                b,
-                pair,
-                fluid: Any = fluid,
-                other: Any = other,
-                wall: bool = wall,
-                viscous: bool = viscous,
-                active: list = active,
-                same: bool = same,
-            ) -> dict:
-                if wall and "pressure" not in b:
-                    b = {**b, "pressure": other.pressure.of_pair(a["pressure"])}
-                force = scene.density.pressure_force(a, b, pair.gradient)
-                seen = b["velocity"]
-                if viscous:
-                    if wall:
-                        seen = b["slip"]
-                    sticking = {**b, "velocity": seen, "viscosity": b.get("viscosity", a["viscosity"])}
-                    force = force + fluid.viscosity_law.force(a, sticking, pair)
-                for effect in active:
-                    force = force + effect.force(a, b, pair)
+            def of_pair(a, b, pair, force_of: Any = force_of, wall: bool = wall, same: bool = same) -> dict:
+                force, seen = force_of(a, b, pair)
                 sums = {"force": force}
                 if shifting is not None:
                     if carry:
@@ -95,10 +77,62 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                 symmetry |= {"moment": 1, "density_gradient": 1} if delta is not None else {}
                 opposite = scene.density.symmetric and all(effect.symmetric for effect in active)
                 symmetry = symmetry if opposite else None
-            part = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode)  # pyright: ignore
+            thin = references[other.name].thin if wall else None
+            part = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode, thin)  # pyright: ignore
             totals = {name: totals.get(name, 0.0) + part.get(name, 0.0) for name in {**totals, **part}}
         out[fluid.name] = _finish(scene, fluid, own, totals, outside, shifting, delta, time)
+        fields[fluid.name] = own
+    for structure in scene.structures:
+        force = _on_structure(scene, structure, references, fields, placed, walls, lists, forward_mode)
+        ready = references[structure.name]
+        mass = {**ready.uniform, **ready.varying}["density"] * ready.volume
+        out[structure.name] = {"surface_acceleration": ready.moving * force / mass}
     return out
+
+
+def pair_force(scene, fluid, other):
+    """The force between a fluid and a partner, force(a, b, pair) -> force on a [N, in 2D per meter], velocity of b.
+
+    b has the velocity with which a sees it: at a wall to which it sticks that of the slip. Second, the effects in it.
+    """
+    wall = not isinstance(other, Fluid)
+    viscous = fluid.viscosity is not None and (other.no_slip if wall else other.viscosity is not None)
+    effects = [effect for effect in scene.flow_effects if effect.force is not None]
+    active = [effect for effect in effects if effect.with_walls or not wall]
+
+    def force_of(a, b, pair):
+        if wall and "pressure" not in b:
+            b = {**b, "pressure": other.pressure.of_pair(a["pressure"])}
+        force = scene.density.pressure_force(a, b, pair.gradient)
+        seen = b["velocity"]
+        if viscous:
+            if wall:
+                seen = b["slip"]
+            sticking = {**b, "velocity": seen, "viscosity": b.get("viscosity", a["viscosity"])}
+            force = force + fluid.viscosity_law.force(a, sticking, pair)
+        for effect in active:
+            force = force + effect.force(a, b, pair)
+        return force, seen
+
+    return force_of, active
+
+
+def _on_structure(scene, structure, references, fields, placed, walls, lists, forward_mode):
+    """Force (d, N) [N, in 2D per meter] on the particles of a structure: that on the fluids, with roles exchanged."""
+    total: Any = 0.0
+    for fluid in scene.fluids:
+        receivers = wall_in_forces(fluid, structure, references, placed, walls[structure.name])
+        force_of, _ = pair_force(scene, fluid, structure)
+
+        def of_pair(a, b, pair, force_of: Any = force_of):
+            seen_from_fluid = pair._replace(offset=-pair.offset, gradient=-pair.gradient)
+            return -force_of(b, a, seen_from_fluid)[0]
+
+        neighbors = lists[f"{fluid.name}-{structure.name}"].transposed()
+        thin = references[structure.name].thin
+        senders = fields[fluid.name]
+        total = total + over_pairs(scene, fluid, of_pair, receivers, senders, neighbors, None, forward_mode, thin)
+    return total
 
 
 def _finish(scene, fluid, own, totals, outside, shifting, delta, time):

@@ -40,10 +40,14 @@ class FluidReference:
 
 @pytree_dataclass
 class WallReference:
-    """What of a wall does not change: positions at t = 0 (d, N) [m] and volumes, one number or (N,) [m^d]."""
+    """What of a wall does not change: positions at t = 0 (d, N) [m] and volumes, one number or (N,) [m^d].
+
+    thin: a `ThinWall`, or None.
+    """
 
     positions: Any
     volume: Any
+    thin: Any = None
 
 
 def fluid_fields(fluid: Fluid, reference: FluidReference, columns: dict) -> dict:
@@ -67,9 +71,12 @@ def pressure(fluid: Fluid, columns: dict):
 
 
 def over_pairs(
-    scene, fluid, of_pair: Any, receivers, senders, neighbors, symmetry: Any = None, forward_mode=False
+    scene, fluid, of_pair: Any, receivers, senders, neighbors, symmetry: Any = None, forward_mode=False, thin=None
 ) -> Any:
-    """Sum of_pair(a, b, pair) where a and b have all their fields; numbers shared by a system are not gathered."""
+    """Sum of_pair(a, b, pair) where a and b have all their fields; numbers shared by a system are not gathered.
+
+    thin: of the boundary among the two, which is thinner than the support radius.
+    """
     kernel, h = scene.kernel, scene.smoothing_length
     at_spacing = kernel.w(jnp.zeros(scene.dimension, scene.dtype).at[0].set(scene.spacing), h)
     (varying_a, uniform_a), (varying_b, uniform_b) = _split(receivers), _split(senders)
@@ -80,8 +87,11 @@ def over_pairs(
         a, b = _whole(uniform_a, a), _whole(uniform_b, b)
         offset = scene.displacement(a["position"], b["position"])
         slope, value = kernel.gradient_factor(offset, h), kernel.w(offset, h)
+        squared = dot(offset, offset)
+        if thin is not None:
+            slope = slope + thin.slope(squared, h)
         speed = 0.5 * (a.get("sound_speed", fluid.sound_speed) + b.get("sound_speed", fluid.sound_speed))
-        pair = Pair(offset, dot(offset, offset), slope, slope * offset, value, at_spacing, h, speed)
+        pair = Pair(offset, squared, slope, slope * offset, value, at_spacing, h, speed)
         return of_pair(a, b, pair)
 
     return pair_sum(physics, varying_a, varying_b, neighbors, symmetry=symmetry, forward_mode=forward_mode)
@@ -110,7 +120,7 @@ def partners(scene, fluid, lists):
                 yield other, lists[f"{fluid.name}-{other.name}"]
             else:
                 yield other, lists[f"{other.name}-{fluid.name}"].transposed()
-    for wall in scene.walls:
+    for wall in scene.boundaries:
         yield wall, lists[f"{fluid.name}-{wall.name}"]
 
 
@@ -120,7 +130,7 @@ def wall_at_rest(fluid, wall, references, placed):
     A sliding surface does not move the wall: its velocity would let a corner breathe.
     """
     position, velocity, _ = placed[wall.name]
-    velocity = velocity if wall.motion is not None else jnp.zeros_like(velocity)
+    velocity = velocity if wall.moves else jnp.zeros_like(velocity)
     fields = {"position": position, "velocity": velocity}
     volume = references[wall.name].volume
     fields["mass"] = fluid.density * volume

@@ -28,7 +28,7 @@ def pressure_rates(scene, references, columns, placed, lists, *, forward_mode=Fa
             senders = own if same else _senders(scene, fluid, other, references, columns, placed, pressures, walls)
             carry = shifting is not None and not shifting.free_surface and same
             # A sliding surface does not move the wall, see `wall_at_rest`.
-            still = wall and other.motion is None
+            still = wall and not other.moves
 
             def of_pair(
                 a, b, pair, other: Any = other, wall=wall, carry: Any = shifting if carry else None, still=still
@@ -43,7 +43,8 @@ def pressure_rates(scene, references, columns, placed, lists, *, forward_mode=Fa
                 return sums
 
             symmetry = {"divergence": 1, "flux": -1} | ({"carried": 1} if carry else {}) if same else None
-            total = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode)
+            thin = references[other.name].thin if wall else None
+            total = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode, thin)
             stiffness = own["density"] * fluid.sound_speed**2
             rate = rate + (stiffness * total["divergence"] + total["flux"] + total.get("carried", 0.0)) / volume
         rates[fluid.name] = rate

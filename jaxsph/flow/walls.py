@@ -32,7 +32,7 @@ def wall_states(scene, references, columns, placed, pressures, lists, *, forward
     velocity at the wall. S. Adami, X. Y. Hu, N. A. Adams (2012), J. Comput. Phys. 231, 7057, eqs. (22) and (23).
     """
     out = {}
-    for wall in scene.walls:
+    for wall in scene.boundaries:
         model, state = wall.pressure, {}
         sticking = wall.no_slip and any(fluid.viscosity is not None for fluid in scene.fluids)
         position, velocity, acceleration = placed[wall.name]
