@@ -130,7 +130,7 @@ def place_boundaries(scene, references, columns, time) -> dict:
 
 
 def positions_of(scene, columns, placed) -> dict:
-    """Positions (d, N) [m] of all systems that have neighbor lists which are built anew; placed by `place_boundaries`."""
+    """Positions (d, N) [m] of all systems whose neighbor lists are built anew; placed by `place_boundaries`."""
     positions = {fluid.name: columns[fluid.name]["position"] for fluid in scene.fluids}
     return positions | {name: place[0] for name, place in placed.items()}
 

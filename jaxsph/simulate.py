@@ -159,7 +159,7 @@ def simulate(
 def _stable_substeps(scene, found, time_step):
     if not is_concrete(scene):
         raise ValueError(
-            "substeps are needed when numbers of a scene with fluids and structures are traced: their number is compiled "
+            "substeps are needed when numbers of a scene with fluids and structures are traced: they are compiled "
             "in. Pass integrator=KickDriftKick(jaxsph.stable_substeps(scene, time_step)) of the stiffest and lightest "
             "scene that can occur"
         )

@@ -25,8 +25,8 @@ class State:
         step: number of steps taken.
         systems: by name of the system, its fields, particle first and in the user's order. A structure has
             `displacement` (N, d) [m], `velocity` (N, d) [m/s], `acceleration` (N, d) [m/s^2], and in float32
-            `remainder` (N, d) [m], what rounding left out of the displacement (see docs/formulation.md); beside fluids also
-            `surface_acceleration` (N, d) [m/s^2], the part of its acceleration that they cause. A fluid has
+            `remainder` (N, d) [m], what rounding left out of the displacement (see docs/formulation.md); beside fluids
+            also `surface_acceleration` (N, d) [m/s^2], the part of its acceleration that they cause. A fluid has
             `position`, `velocity`, `acceleration` (N, d) and `density_deviation` (N,), rho - rho_0 [kg/m^3]; with
             `ParticleShifting` or `TransportVelocity` a `shift` (N, d) [m/s], with `DeltaDiffusion` a
             `density_gradient` (N, d), with `TensileControl` a `cover` (N,), with the density calculator `EDAC` a
