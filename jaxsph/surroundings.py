@@ -52,7 +52,7 @@ def allocate(scene, positions: dict, *, skin: float | None = None, capacity_mult
     search = neighbor_list(domain, cutoff, skin, capacity_multiplier)
     lists = {}
     for a, b in pairs_of(scene):
-        lists[f"{a}-{b}"] = search.allocate(positions[a], None if a == b else positions[b])
+        lists[f"{a}-{b}"] = search.template(positions[a], None if a == b else positions[b])
     return lists
 
 

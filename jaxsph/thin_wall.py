@@ -60,7 +60,7 @@ def thin_wall(kernel: Kernel, dimension: int, thickness: float, smoothing_length
 
     Raises ValueError for a thickness below a fiftieth of the support radius.
     """
-    reach = float(kernel.support_radius(1.0))
+    reach = float(np.asarray(kernel.support_radius(1.0)))
     t = thickness / smoothing_length
     if t >= reach:
         return None

@@ -15,7 +15,8 @@ from jaxsph.neighbors import jax_md
 from jaxsph.neighbors.cells import CellGrid, cell_order
 from jaxsph.neighbors.domain import Domain
 from jaxsph.neighbors.lists import NeighborList, raise_if_wrong, require_senders
-from jaxsph.neighbors.search import Capacity, find_neighbors, index_cells, occupancy
+from jaxsph.neighbors.search import Capacity, find_neighbors, index_cells
+from jaxsph.neighbors.sizes import most_neighbors, widest_ranges
 from jaxsph.pytree import is_concrete, replace
 
 BUILDERS = ("cells", "jax-md")
@@ -43,6 +44,18 @@ class NeighborSearch:
             ValueError: wrong shapes or types, no particles, or called inside jit.
             ParticleOutside: a particle beyond a free boundary, or a position that is NaN.
         """
+        neighbors = self.template(positions, senders)
+        positions = self._checked(positions, "positions")
+        senders = None if senders is None else self._checked(senders, "senders", positions.dtype)
+        if self.builder == "jax-md":
+            return jax_md.allocate(self, neighbors, positions)
+        return _rebuilt(self.grid, False, neighbors, positions, senders)
+
+    def template(self, positions: ArrayLike, senders: ArrayLike | None = None) -> NeighborList:
+        """An empty list with the sizes of `allocate`, to be filled by `update`. Outside jit; compiles nothing.
+
+        Arguments and errors as of `allocate`.
+        """
         if not is_concrete(positions, senders):
             raise ValueError(
                 "allocate chooses array sizes from the positions and cannot run inside jit, grad or vmap; "
@@ -54,12 +67,12 @@ class NeighborSearch:
         blank = self._blank(positions, senders, Capacity(1, 1, 1))
         raise_if_wrong(_noted_outside(blank, positions, senders, np))
         if self.builder == "jax-md":
-            return jax_md.allocate(self, blank, positions)
+            return blank
         neighbors = self._blank(positions, senders, self._capacity(positions, senders))
         if senders is not None:
             transpose = self._blank(senders, None, self._capacity(senders, positions))
             neighbors = replace(neighbors, transpose=transpose)
-        return _rebuilt(self.grid, False, neighbors, positions, senders)
+        return neighbors
 
     def update(
         self,
@@ -129,7 +142,9 @@ class NeighborSearch:
 
     def _capacity(self, receivers, senders) -> Capacity:
         """Sizes for these positions with the reserve."""
-        most, width, width_round = (int(number) for number in _occupancy_jit(self.grid, receivers, senders))
+        receivers = np.asarray(receivers)
+        most = most_neighbors(self.grid, receivers, senders)
+        width, width_round = widest_ranges(self.grid, receivers, receivers if senders is None else senders)
         n_senders = receivers.shape[1] if senders is None else senders.shape[1]
 
         def reserve(needed, limit):
@@ -204,13 +219,6 @@ def neighbor_list(
     cutoff, skin = float(cutoff), float(skin)
     grid = CellGrid.covering(domain, cutoff + skin)
     return NeighborSearch(domain, cutoff, skin, float(capacity_multiplier), builder, grid)
-
-
-@partial(jax.jit, static_argnums=0)
-def _occupancy_jit(grid, receivers, senders):
-    permutation, sorted_senders, starts, _ = index_cells(grid, receivers if senders is None else senders, False)
-    own = _places(permutation, receivers.shape[1]) if senders is None else None
-    return occupancy(grid, receivers, sorted_senders, starts, own)
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -20,7 +20,8 @@ import numpy as np
 from jaxsph.neighbors.cells import CellGrid
 from jaxsph.neighbors.domain import Domain
 from jaxsph.neighbors.lists import NeighborList
-from jaxsph.neighbors.search import Capacity, index_cells, occupancy
+from jaxsph.neighbors.search import Capacity
+from jaxsph.neighbors.sizes import widest_ranges
 from jaxsph.pytree import replace
 
 if TYPE_CHECKING:
@@ -117,8 +118,7 @@ def from_jax_md(neighbors: Any, domain: Domain, cutoff: float | int, skin: float
     grid = CellGrid.covering(domain, float(cutoff) + float(skin))
     lower = jnp.asarray(domain.lower, neighbors.reference_position.dtype)
     positions = (jnp.asarray(neighbors.reference_position) + lower).T
-    _, in_order, starts, _ = index_cells(grid, positions, False)
-    widths = [int(width) for width in occupancy(grid, positions, in_order, starts, None)[1:]]
+    widths = widest_ranges(grid, positions, positions)
     capacity = Capacity(index.shape[1], *(math.ceil(1.25 * width) for width in widths))
     blank = NeighborList(
         indices=jnp.zeros((index.shape[1], n), jnp.int32),

@@ -52,40 +52,6 @@ def index_cells(grid: CellGrid, positions, in_cell_order: bool):
     return permutation, positions, grid.starts(numbers), ordered
 
 
-def occupancy(grid: CellGrid, receivers, senders, starts, own):
-    """What a search of these particles needs: most neighbors, widest range, widest range at the far end.
-
-    Arguments as of `find_neighbors`. It tests candidates one at a time, because it has no sizes to go by; that
-    is slower than the search itself, and done once.
-    """
-    first, last, first_round, last_round = grid.ranges(grid.coordinates(receivers), starts)
-    count = jnp.zeros(receivers.shape[1], jnp.int32)
-    pieces = [(first, last)] if first_round is None else [(first, last), (first_round, last_round)]
-    widths = []
-    for begin, end in pieces:
-        widths.append(jnp.max(end - begin))
-        count += _counted(grid, receivers, senders, own, begin, end, widths[-1])
-    return (jnp.max(count), *widths, *[jnp.int32(0)] * (2 - len(widths)))
-
-
-def _counted(grid, receivers, senders, own, begin, end, width):
-    """Number of candidates in reach, all ranges (rows, n) together: (n,)."""
-
-    def test_next(step, count):
-        candidate = jnp.minimum(begin + step, senders.shape[1] - 1)
-        squared = 0.0
-        for axis in range(grid.domain.dimension):
-            coordinate = senders[axis].at[candidate].get(mode="promise_in_bounds")
-            difference = grid.domain.component(axis, receivers[axis], coordinate)
-            squared = squared + difference * difference
-        near = (squared < _limit(grid, receivers)) & (begin + step < end)
-        if own is not None:
-            near = near & (candidate != own)
-        return count + jnp.sum(near, axis=0, dtype=jnp.int32)
-
-    return jax.lax.fori_loop(0, width, test_next, jnp.zeros(receivers.shape[1], jnp.int32))
-
-
 def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, capacity: Capacity):
     """The neighbors of every receiver.
 

@@ -1,0 +1,77 @@
+"""How large the arrays of a search must be, counted outside of JAX: nothing is compiled for it."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from jaxsph.neighbors.cells import CellGrid
+
+ROUNDING = 1e-6  # of the reach: distances in float32 may come out shorter
+
+
+def most_neighbors(grid: CellGrid, receivers, senders=None) -> int:
+    """Most senders within reach of a receiver; both (d, N) [m] within the domain; senders None is the same set."""
+    domain, low = grid.domain, np.asarray(grid.domain.lower)
+    period = np.where(domain.periodic, domain.lengths, 0.0)
+
+    def placed(positions):
+        return (_wrapped(grid, positions) - low[:, None]).T
+
+    own = placed(receivers)
+    tree = KDTree(own if senders is None else placed(senders), boxsize=period if any(domain.periodic) else None)
+    count = tree.query_ball_point(own, grid.reach * (1 + ROUNDING), return_length=True, workers=-1)
+    return int(np.max(count)) - (senders is None)
+
+
+def widest_ranges(grid: CellGrid, receivers, senders) -> tuple[int, int]:
+    """Most candidates of a receiver in one row of cells, and at the far end of a periodic row."""
+    n_along, span = grid.cells[grid.along], grid.spans[grid.along]
+    across, along = _coordinates(grid, senders)
+    count = np.bincount(_row(grid, across) * n_along + along, minlength=grid.number_of_cells)
+    starts = np.concatenate([[0], np.cumsum(count)])
+    across, along = _coordinates(grid, receivers)
+    if grid.domain.periodic[grid.along] and not grid.goes_round:
+        pieces = [(np.zeros_like(along), np.full_like(along, n_along))]
+    else:
+        pieces = [(np.maximum(along - span, 0), np.minimum(along + span + 1, n_along))]
+    if grid.goes_round:
+        pieces.append((np.where(along < span, along - span + n_along, n_along), np.full_like(along, n_along)))
+        pieces.append((np.zeros_like(along), np.maximum(along + span + 1 - n_along, 0)))
+    widths = [0] * len(pieces)
+    for steps in grid.row_offsets:
+        shifted, exists = [], np.ones_like(along, bool)
+        for coordinate, step, axis in zip(across, steps, grid.across, strict=True):
+            cells, moved = grid.cells[axis], coordinate + step
+            if not grid.domain.periodic[axis]:
+                exists &= (moved >= 0) & (moved < cells)
+            shifted.append(moved % cells)
+        row = _row(grid, shifted) * n_along
+        for k, (first, last) in enumerate(pieces):
+            widths[k] = max(widths[k], int(np.max((starts[row + last] - starts[row + first]) * exists)))
+    return widths[0], max(widths[1:], default=0)
+
+
+def _wrapped(grid, positions):
+    positions = np.array(positions, np.float64)
+    for axis, (low, length) in enumerate(zip(grid.domain.lower, grid.domain.lengths, strict=True)):
+        if grid.domain.periodic[axis]:
+            positions[axis] = low + np.mod(positions[axis] - low, length)
+            positions[axis][positions[axis] >= low + length] = low  # rounded up
+    return positions
+
+
+def _coordinates(grid, positions):
+    """Cells across (a list, one array for each axis) and along the rows."""
+    rows = []
+    for axis, x in enumerate(_wrapped(grid, positions)):
+        scaled = (x - grid.domain.lower[axis]) * (grid.cells[axis] / grid.domain.lengths[axis])
+        rows.append(np.clip(np.floor(scaled), 0, grid.cells[axis] - 1).astype(np.int64))
+    return [rows[axis] for axis in grid.across], rows[grid.along]
+
+
+def _row(grid, across):
+    row = np.zeros_like(across[0])
+    for axis, coordinate in zip(grid.across, across, strict=True):
+        row = row * grid.cells[axis] + coordinate
+    return row
