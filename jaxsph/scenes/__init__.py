@@ -5,6 +5,7 @@ from jaxsph.scenes.cavity import lid_driven_cavity
 from jaxsph.scenes.channel import couette, poiseuille
 from jaxsph.scenes.free_flow import oscillating_drop, rings, rotating_square
 from jaxsph.scenes.moving import dam_break_gate, falling_column, moving_wall, standing_wave
+from jaxsph.scenes.plates import dam_break_gate_plate, dam_break_plate, elastic_gate, water_column_on_plate
 from jaxsph.scenes.tank_flow import column_in_tank, dam_break, still_water
 from jaxsph.scenes.taylor_green import taylor_green
 
@@ -14,6 +15,9 @@ __all__ = [
     "couette",
     "dam_break",
     "dam_break_gate",
+    "dam_break_gate_plate",
+    "dam_break_plate",
+    "elastic_gate",
     "falling_column",
     "lid_driven_cavity",
     "moving_wall",
@@ -25,4 +29,5 @@ __all__ = [
     "still_water",
     "taylor_green",
     "turek_hron_beam",
+    "water_column_on_plate",
 ]

@@ -13,7 +13,9 @@ from jaxsph.fluid import Fluid
 from jaxsph.geometry import Particles, box, tank
 from jaxsph.materials import StVenantKirchhoff
 from jaxsph.neighbors import Domain
+from jaxsph.pytree import replace
 from jaxsph.scene import Scene
+from jaxsph.scenes.moving import dam_break_gate
 from jaxsph.scenes.tank_flow import GRAVITY, LAYERS
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, Wall
@@ -83,6 +85,190 @@ def dam_break_plate(
     )
     basin = Wall("tank", _without(walls, body), AdamiExtrapolation(clip=True), no_slip=False)
     return _scene(water, basin, plate, effects=effects, smoothing=smoothing * spacing, inside=inside)
+
+
+def water_column_on_plate(
+    across: int = 5,
+    *,
+    youngs_modulus: float = 67.5e9,
+    poisson_ratio: float = 0.3,
+    plate_density: float = 2700.0,
+    density: float = 1000.0,
+    sound_speed: float = 50.0,
+    thickness: float = 0.05,
+    width: float = 1.0,
+    height: float = 2.0,
+    smoothing: float = 1.5,
+    effects: Sequence | None = None,
+    dtype=None,
+) -> Scene:
+    """Water at rest on an elastic plate that is clamped at both sides and begins to carry it at t = 0.
+
+    G. Fourey, C. Hermange, D. Le Touze, G. Oger (2017), Comput. Phys. Commun. 217, 66, section 5.1: an aluminium plate
+    of 1 m x .05 m under 2 m of water. It swings about its static deflection.
+
+    Args:
+        across: particles over the thickness of the plate, the outermost on its surfaces; the water's spacing is theirs.
+        youngs_modulus: of the plate [Pa].
+        poisson_ratio: of the plate.
+        plate_density: [kg/m^3].
+        density, sound_speed: of the water.
+        thickness, width: of the plate [m], multiples of its spacing.
+        height: of the water [m].
+        smoothing: smoothing length in spacings of the water.
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.05)`.
+        dtype: float32 or float64; None takes jax's default.
+    """
+    spacing = thickness / (across - 1)
+    rows, layers = round(height / spacing), math.ceil(2 * smoothing)
+    height = rows * spacing
+    water = Fluid(
+        "water",
+        box((0, 0), (width, height), spacing, dtype=dtype),
+        density=density,
+        sound_speed=sound_speed,
+        pressure=lambda x: density * GRAVITY * (height - x[:, 1]),
+    )
+    inside = (width, round(1.1 * rows) * spacing)
+    sides = tank((0, 0), inside, spacing, layers, sides=["left", "right"], dtype=dtype)
+    deep = layers * spacing
+    plate = Structure(
+        "plate",
+        box((-deep, -thickness), (width + 2 * deep, thickness), spacing, on_surface=True, dtype=dtype),
+        density=plate_density,
+        youngs_modulus=youngs_modulus,
+        poisson_ratio=poisson_ratio,
+        clamped=lambda x: (x[:, 0] < 0.01 * spacing) | (x[:, 0] > width - 0.01 * spacing),
+        thickness=thickness,
+    )
+    walls = Wall("tank", sides, no_slip=False)
+    return _scene(water, walls, plate, effects=effects, smoothing=smoothing * spacing, inside=inside)
+
+
+def dam_break_gate_plate(
+    spacing: float = 0.01,
+    across: int = 4,
+    *,
+    thickness: float = 0.004,
+    youngs_modulus: float = 3.5e6,
+    poisson_ratio: float = 0.45,
+    plate_density: float = 1161.54,
+    length: float = 0.09,
+    place: float = 0.6,
+    sound_speed: float = 28.01,
+    smoothing: float = 1.75,
+    effects: Sequence | None = None,
+    dtype=None,
+) -> Scene:
+    """The dam behind a gate that is pulled up, `dam_break_gate`, and an elastic plate in its way.
+
+    K. Liao, C. Hu, M. Sueyoshi (2015), Appl. Ocean Res. 50, 57. The default plate is that of the experiment;
+    thickness = .04, youngs_modulus = 3.5e5, across = 4, place = .56 is the one that TrixiParticles.jl runs.
+
+    Args:
+        spacing: of the water [m], a divisor of .2 m.
+        across: particles over the thickness of the plate, the outermost on its surfaces.
+        thickness, length: of the plate [m].
+        youngs_modulus: of the plate [Pa].
+        poisson_ratio: of the plate.
+        plate_density: [kg/m^3].
+        place: of its left face [m].
+        sound_speed: of the water [m/s].
+        smoothing: smoothing length in spacings of the water.
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.05)`.
+        dtype: float32 or float64; None takes jax's default.
+    """
+    dam = dam_break_gate(spacing, sound_speed=sound_speed, smoothing=smoothing, dtype=dtype)
+    body, root = rooted_plate(place, thickness, length, across, dtype)
+    plate = Structure(
+        "plate",
+        body,
+        density=plate_density,
+        youngs_modulus=youngs_modulus,
+        poisson_ratio=poisson_ratio,
+        clamped=root,
+        pressure=AdamiExtrapolation(clip=True),
+        thickness=thickness,
+    )
+    basin = replace(dam["tank"], particles=_without(dam["tank"].particles, body))
+    return _scene(
+        dam["water"], basin, dam["gate"], plate, effects=effects, smoothing=smoothing * spacing, inside=(0.8, 0.8)
+    )
+
+
+def elastic_gate(
+    particles: int = 40,
+    across: int = 5,
+    *,
+    youngs_modulus: float = 7.8e6,
+    poisson_ratio: float = 0.47,
+    gate_density: float = 1100.0,
+    density: float = 1000.0,
+    sound_speed: float | None = None,
+    width: float = 0.1,
+    height: float = 0.14,
+    thickness: float = 0.005,
+    length: float = 0.079,
+    outside: float = 0.4,
+    smoothing: float = 1.75,
+    effects: Sequence | None = None,
+    law: Any = None,
+    dtype=None,
+) -> Scene:
+    """A tank of water that flows out below a rubber gate, which is clamped at its top and bends.
+
+    C. Antoci, M. Gallati, S. Sibilla (2007), Comput. Struct. 85, 879: the gate of 79 mm x 5 mm is the lower end of the
+    right side of a tank, .1 m wide and filled to .14 m. They took E = 12 MPa from a test of the rubber; 7.8 MPa is in
+    use for laws that do not stiffen.
+
+    Args:
+        particles: over the width of the water.
+        across: particles over the thickness of the gate, the outermost on its surfaces.
+        youngs_modulus: of the gate [Pa].
+        poisson_ratio: of the gate.
+        gate_density: [kg/m^3].
+        density, sound_speed: of the water; a sound speed of None is 10 sqrt(2 g height).
+        width, height: of the water [m].
+        thickness, length: of the gate [m].
+        outside: length of the floor behind the gate [m].
+        smoothing: smoothing length in spacings of the water.
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.05)`.
+        law: elastic law; None takes `StVenantKirchhoff()`.
+        dtype: float32 or float64; None takes jax's default.
+    """
+    spacing = width / particles
+    height = round(height / spacing) * spacing
+    water = Fluid(
+        "water",
+        box((0, 0), (width, height), spacing, dtype=dtype),
+        density=density,
+        sound_speed=10 * math.sqrt(2 * GRAVITY * height) if sound_speed is None else sound_speed,
+        pressure=lambda x: density * GRAVITY * (height - x[:, 1]),
+    )
+    # The gate hangs from y = length, with held rows above; upside down it is a rooted plate.
+    body, _ = rooted_plate(width, thickness, length, across, dtype)
+    upright = body.positions * np.array([1.0, -1.0]) + np.array([0.0, length])
+    body = Particles(upright.astype(body.positions.dtype), body.volumes, body.spacing)
+    gate = Structure(
+        "gate",
+        body,
+        density=gate_density,
+        youngs_modulus=youngs_modulus,
+        poisson_ratio=poisson_ratio,
+        clamped=lambda x: x[:, 1] > length - 0.01 * thickness / across,
+        law=StVenantKirchhoff() if law is None else law,
+        pressure=AdamiExtrapolation(clip=True),
+        thickness=thickness,
+    )
+    top = round(1.2 * height / spacing) * spacing
+    deep = LAYERS * spacing
+    left_and_floor = tank((0, 0), (width, top), spacing, LAYERS, sides=["left", "bottom"], dtype=dtype)
+    floor = box((width, -deep), (round(outside / spacing) * spacing, deep), spacing, dtype=dtype)
+    right = box((width, 0.0), (deep, top), spacing, dtype=dtype)
+    right = right.where(right.positions[:, 1] > length)
+    basin = Wall("tank", _without(left_and_floor | floor | right, body), AdamiExtrapolation(clip=True), no_slip=False)
+    inside = (width + outside, 4 * top)  # what flows off the floor falls
+    return _scene(water, basin, gate, effects=effects, smoothing=smoothing * spacing, inside=inside)
 
 
 def rooted_plate(place: float, thickness: float, length: float, across: int, dtype=None) -> tuple[Particles, Any]:

@@ -21,6 +21,7 @@ import jax
 jax.config.update("jax_enable_x64", True)
 
 import cost  # noqa: E402
+import coupled  # noqa: E402
 import fits  # noqa: E402
 import flows  # noqa: E402
 import gradient  # noqa: E402
@@ -33,7 +34,7 @@ import viscosity_fits  # noqa: E402
 from rows import Case, as_record, heading, holds, line, load, merge, save  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-GROUPS = (patch, static, motion, pulse, gradient, fits, viscosity_fits, cost, flows, surfaces)
+GROUPS = (patch, static, motion, pulse, gradient, fits, viscosity_fits, cost, flows, surfaces, coupled)
 CASES: list[Case] = [case for group in GROUPS for case in group.CASES]
 
 

@@ -1,0 +1,88 @@
+"""X01 to X04: fluids and elastic plates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from reference import number, table
+from rows import Case, Row, across, precision
+
+import jaxsph
+
+DEFLECTION = number("fsi/hydrostatic_plate_fem.csv", "w_fem_midplane_m", nu="0.3")
+PEAKS, ONSETS = (0.0410, 0.0491), (0.148, 0.162)  # m, s: lowest and highest of six published codes
+
+
+def column_on_plate(quick: bool) -> Iterator[list[Row]]:
+    """Mean deflection of the middle over the second half of .5 s, in which the plate swings several times."""
+    errors = {}
+    for n, dtype, limit in ((5, np.float32, 0.10), (5, np.float64, 0.10), (11, np.float32, 0.05)):
+        if quick and (n, dtype) != (5, np.float32):
+            continue
+        run = jaxsph.simulate(jaxsph.scenes.water_column_on_plate(n, dtype=dtype), 0.5, 0.0025)
+        middle = np.asarray(run.probe("plate", (0.5, -0.025)).displacement[:, 1], float)
+        late = np.asarray(run.times) >= 0.25
+        error = abs(float(np.mean(middle[late])) / DEFLECTION - 1)
+        errors[n, dtype] = error
+        where = (across(n), precision(dtype))
+        yield [
+            Row("relative error of the mean deflection, .25 to .5 s", error, limit, *where),
+            Row("standard deviation / mean of the deflection", float(np.std(middle[late])) / -DEFLECTION, None, *where),
+        ]
+    if not quick:
+        ratio = errors[11, np.float32] / errors[5, np.float32]
+        yield [Row("error of the deflection / that of the coarser", ratio, 1.0, "5, 11 across", "float32")]
+
+
+def dam_break_on_plate(quick: bool) -> Iterator[list[Row]]:
+    """When the tip begins to move, and how far it gets."""
+    peaks = {}
+    for n, dtype in ((15, np.float32), (15, np.float64), (30, np.float32), (45, np.float32)):
+        if quick and (n, dtype) != (15, np.float32):
+            continue
+        run = jaxsph.simulate(jaxsph.scenes.dam_break_plate(n, dtype=dtype), 0.4, 0.0025)
+        tip = np.asarray(run.probe("plate", (0.292, 0.08)).displacement[:, 0], float)
+        peak, onset = float(tip.max()), float(run.times[int(np.argmax(tip > 0.005))])
+        peaks[n, dtype] = peak
+        where = (f"a / dx = {n}", precision(dtype))
+        yield [
+            Row("peak of the tip / the envelope's nearer end", outside(peak, PEAKS), 1.05, *where),
+            Row("onset (5 mm) / the envelope's nearer end", outside(onset, ONSETS), 1.05, *where),
+            Row("peak of the tip [m]", peak, None, *where),
+            Row("onset of the tip (5 mm) [s]", onset, None, *where),
+        ]
+    if not quick:
+        coarse, middle, fine = (peaks[n, np.float32] for n in (15, 30, 45))
+        ratio = abs(fine - middle) / abs(middle - coarse)
+        yield [Row("change of the peak / that of the coarser", ratio, 1.0, "15, 30, 45", "float32")]
+
+
+def outside(value: float, ends: tuple[float, float]) -> float:
+    """How far a value is outside an interval, as a ratio: at most 1 inside."""
+    return max(ends[0] / value, value / ends[1])
+
+
+def gate(quick: bool) -> Iterator[list[Row]]:
+    """Horizontal displacement of the gate's free end against the experiment."""
+    rows = [row for row in table("fsi/antoci_elastic_gate.csv") if row["dataset"].startswith("Antoci")]
+    times, measured = np.array([(float(r["t_s"]), float(r["disp_m"])) for r in rows if r["component"] == "ux"]).T
+    for n, dtype in ((40, np.float32),):
+        for modulus in (7.8e6, 12e6):
+            if quick and modulus > 8e6:
+                continue
+            scene = jaxsph.scenes.elastic_gate(n, youngs_modulus=modulus, dtype=dtype)
+            run = jaxsph.simulate(scene, 0.4, 0.005)
+            tip = np.asarray(run.probe("gate", (0.1025, 0.0)).displacement[:, 0], float)
+            difference = np.interp(times, np.asarray(run.times, float), tip) - measured
+            rms = float(np.sqrt(np.mean(difference**2)) / measured.max())
+            where = (f"{n} over the width", precision(dtype))
+            limit = 0.18 if modulus < 8e6 else None
+            yield [Row(f"rms of ux / its peak, E = {modulus / 1e6:g} MPa", rms, limit, *where)]
+
+
+CASES = [
+    Case("X01", "Water column on an elastic plate", column_on_plate),
+    Case("X03", "Elastic gate (Antoci 2007)", gate),
+    Case("X04", "Dam break on an elastic plate", dam_break_on_plate),
+]
