@@ -13,9 +13,11 @@ from jaxsph.effects import (
     BodyForce,
     Damping,
     FlowEffect,
+    KernelGradientCorrection,
     PenaltyForce,
     ShepardFilter,
     Shifting,
+    TensileControl,
 )
 from jaxsph.fluid import Fluid
 from jaxsph.kernels import Kernel, WendlandC2
@@ -222,6 +224,14 @@ def _check_effects(effects, systems):
     moving = [type(effect).__name__ for effect in effects if isinstance(effect, Shifting)]
     if len(set(moving)) > 1:
         raise ValueError(f"a scene has at most one effect that moves particles off their paths, not {moving}")
+    if any(isinstance(effect, KernelGradientCorrection) for effect in effects):
+        if not any(isinstance(effect, Shifting) and not effect.free_surface for effect in effects):
+            raise ValueError(
+                "KernelGradientCorrection is for flows that fill their domain, and leaves it to shifting to keep "
+                "particles apart: list ParticleShifting() without a free surface or TransportVelocity() too"
+            )
+        if any(isinstance(effect, TensileControl) for effect in effects):
+            raise ValueError("KernelGradientCorrection and TensileControl both take p_b - p_a; leave one of them out")
     kinds = [type(effect) for effect in effects if not isinstance(effect, BodyForce)]
     if len(set(kinds)) != len(kinds):
         raise ValueError(f"an effect can be listed once: {[kind.__name__ for kind in kinds]}")

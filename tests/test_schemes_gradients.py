@@ -7,6 +7,7 @@ import jaxsph as sph
 
 VORTICES = {
     "edac": (sph.EDAC(), [sph.TransportVelocity()]),
+    "corrected": (sph.ContinuityDensity(), [sph.KernelGradientCorrection(), sph.ParticleShifting(1.0, 0.2)]),
     "edac averaged": (sph.EDAC(averaged_pressure=True), [sph.ParticleShifting(1.0, 0.2)]),
 }
 

@@ -5,6 +5,7 @@ from jaxsph.effects.body_force import BodyForce
 from jaxsph.effects.damping import Damping
 from jaxsph.effects.density_diffusion import DeltaDiffusion, DensityDiffusion
 from jaxsph.effects.flow_effect import FlowEffect
+from jaxsph.effects.gradient_correction import KernelGradientCorrection
 from jaxsph.effects.penalty import PenaltyForce
 from jaxsph.effects.shepard_filter import ShepardFilter
 from jaxsph.effects.shifting import ParticleShifting, Shifting, TransportVelocity
@@ -17,6 +18,7 @@ __all__ = [
     "DeltaDiffusion",
     "DensityDiffusion",
     "FlowEffect",
+    "KernelGradientCorrection",
     "ParticleShifting",
     "PenaltyForce",
     "ShepardFilter",

@@ -6,7 +6,8 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxsph.effects import DeltaDiffusion, Shifting, TensileControl
+from jaxsph.effects import DeltaDiffusion, KernelGradientCorrection, Shifting, TensileControl
+from jaxsph.flow.correction import moments
 from jaxsph.flow.pairs import fluid_fields, over_pairs, partners, pressure
 from jaxsph.flow.pressure import mean_pressures
 from jaxsph.flow.walls import wall_in_forces, wall_states
@@ -27,6 +28,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
     covered = (shifting is not None and shifting.free_surface) or scene.effect(TensileControl) is not None
     pressures = {fluid.name: pressure(fluid, columns[fluid.name]) for fluid in scene.fluids}
     walls = wall_states(scene, references, columns, placed, pressures, lists, forward_mode=forward_mode)
+    correction = scene.effect(KernelGradientCorrection)
     means = {}
     if scene.density.averaged_pressure:
         means = mean_pressures(scene, references, columns, placed, lists, pressures, walls, forward_mode=forward_mode)
@@ -41,6 +43,11 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
         own = fields[fluid.name]
         if fluid.name in means:
             own = {**own, "mean_pressure": means[fluid.name]}
+        if correction is not None:
+            own = {
+                **own,
+                "correction": inverse(moments(scene, fluid, references, columns, placed, lists, forward_mode)),
+            }
         totals: dict[str, Any] = {}
         for other, neighbors in partners(scene, fluid, lists):
             same, wall = other is fluid, not isinstance(other, Fluid)
@@ -75,7 +82,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                     symmetry |= {"crowding": -1} | ({"carried": 1} if carry else {})
                 symmetry |= {"cover": 1, "normal": -1} if covered else {}
                 symmetry |= {"moment": 1, "density_gradient": 1} if delta is not None else {}
-                opposite = scene.density.symmetric and all(effect.symmetric for effect in active)
+                opposite = scene.density.symmetric and correction is None and all(e.symmetric for e in active)
                 symmetry = symmetry if opposite else None
             thin = references[other.name].thin if wall else None
             part = over_pairs(scene, fluid, of_pair, own, senders, neighbors, symmetry, forward_mode, thin)  # pyright: ignore
@@ -99,11 +106,13 @@ def pair_force(scene, fluid, other):
     viscous = fluid.viscosity is not None and (other.no_slip if wall else other.viscosity is not None)
     effects = [effect for effect in scene.flow_effects if effect.force is not None]
     active = [effect for effect in effects if effect.with_walls or not wall]
+    correction = scene.effect(KernelGradientCorrection)
+    push = (scene.density if correction is None else correction).pressure_force
 
     def force_of(a, b, pair):
         if wall and "pressure" not in b:
             b = {**b, "pressure": other.pressure.of_pair(a["pressure"])}
-        force = scene.density.pressure_force(a, b, pair.gradient)
+        force = push(a, b, pair.gradient)
         seen = b["velocity"]
         if viscous:
             if wall:
