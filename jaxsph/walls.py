@@ -50,7 +50,8 @@ class AdamiExtrapolation(WallPressure):
     S. Adami, X. Y. Hu, N. A. Adams (2012), J. Comput. Phys. 231, 7057, eq. (27).
 
     Attributes:
-        clip: take negative pressures of the wall as zero, so that it never pulls. Its derivative is zero there.
+        clip: take negative pressures of the wall as zero; what then still pulls is the fluid's own. Its derivative is
+            zero there.
     """
 
     clip: bool = static(default=False)
