@@ -230,7 +230,21 @@ def largest_stable_time_step(scene, references: dict[str, Any], substeps: tuple 
             limit = jnp.minimum(limit, steps * structure_time_step(scene, structure, references[structure.name]))
     for fluid in scene.fluids:
         limit = jnp.minimum(limit, fluid_time_step(scene, fluid))
+        for structure in scene.structures:
+            if structure.thickness is not None:
+                limit = jnp.minimum(limit, plate_time_step(scene, fluid, structure))
     return limit
+
+
+def plate_time_step(scene, fluid, structure):
+    """Largest stable time step [s] for a plate beside a fluid: that of its mass on the spring of the fluid.
+
+    The layer of fluid at a plate resists its motion with the stiffness rho c^2 / dx, per area and per length; with the
+    mass rho_s t per area of the plate the frequency is c sqrt(rho / (rho_s t dx)). The step is 1 over that, half of
+    what one side of the plate would allow: both sides may be wet, and the fluid be denser for a moment.
+    """
+    ratio = jnp.min(structure.density) / fluid.density
+    return jnp.sqrt(ratio * structure.thickness * scene.spacing) / fluid.sound_speed
 
 
 def structure_time_step(scene, structure, ready: Reference):

@@ -432,22 +432,28 @@ def _to_next_save(scene, references, columns, state, found, time_step, options):
         reason = int(new.health.reason) if scene.fluids else GOOD
         if reason == BEYOND_SKIN and options["rebuild_every"] > 1:
             options = {**options, "rebuild_every": options["rebuild_every"] // 2}
-        elif reason == BEYOND_SKIN and np.isfinite(float(new.health.number)):
+        elif reason == BEYOND_SKIN and float(new.health.number) < _longest_way(scene, found):
             # One step alone is too much for this skin: the fluid is faster than a few times its sound speed's tenth.
             placed = place_boundaries(scene, references, columns, state.time)
             positions = positions_of(scene, columns, placed)
             found = {**found, **surroundings.allocate(scene, positions, skin=2 * float(new.health.limit))}
         elif reason == OVERFLOW and np.isfinite(float(new.health.number)):
-            found = _with_room(scene, found)
+            found = _with_room(scene, found, 1.1 * float(new.health.number) / float(new.health.limit))
         else:
             return advanced, new, found, options
 
 
-def _with_room(scene, found):
-    """Lists with a third more room than before."""
+def _longest_way(scene, found):
+    """How much closer particles may come in one step [m] before the run counts as unstable: the support radius."""
+    a, b = surroundings.pairs_of(scene)[0]
+    return found[f"{a}-{b}"].cutoff
+
+
+def _with_room(scene, found, factor: float = 0.0):
+    """Lists with room for more neighbors by this factor, or a third if that is more."""
     found = dict(found)
     for a, b in surroundings.pairs_of(scene):
-        found[f"{a}-{b}"] = surroundings.enlarged(found[f"{a}-{b}"], 1.34)
+        found[f"{a}-{b}"] = surroundings.enlarged(found[f"{a}-{b}"], max(1.34, factor))
     return found
 
 

@@ -1,5 +1,7 @@
 """Fluids and structures in one run: what they exchange, and how structures divide a step of the fluids."""
 
+from typing import Any
+
 import jax
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from jaxsph.geometry import box
 from jaxsph.thin_wall import thin_wall
 
 
-def collision(pressure=None, thickness=None, viscosity=1.0, modulus=2e5, dtype=np.float64):
+def collision(pressure=None, thickness=None, viscosity=1.0, modulus=2e5, dtype: Any = np.float64):
     """A block of water that flies against an elastic bar; nothing else, so that momentum stays."""
     spacing = 0.05
     water = sph.Fluid(
