@@ -97,7 +97,11 @@ def _sizes(topology: Any) -> list[int]:
     """Sizes of a neighbor list's arrays; none of other topologies, which are the same in all states."""
     both: list[Any] = [topology, getattr(topology, "transpose", None)]
     parts = [part for part in both if hasattr(part, "capacity")]
-    return [max(1, size) for part in parts for size in (part.capacity.slots, part.capacity.range)]
+    return [
+        max(1, size)
+        for part in parts
+        for size in (part.capacity.slots, part.capacity.range, part.capacity.members or 1)
+    ]
 
 
 def max_speed(run: Any) -> float:

@@ -18,12 +18,14 @@ tangents in one pass: cheaper when only `jvp` is asked for, and differentiable t
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
+from jaxsph.linear_call import linear_call
 from jaxsph.pair_adjoint import transposable
 from jaxsph.slots import Edges, PairList, over_slots, pair_edges
 
@@ -76,6 +78,8 @@ def pair_sum(
     if not one_set and (edges is not None or symmetry is not None):
         raise ValueError("edges and symmetry belong to pairs of one set; this list is one of two sets")
     _check_lengths(receivers, senders, neighbors, one_set)
+    if getattr(neighbors, "members", None) is not None:
+        return _among_members(physics, receivers, senders, neighbors, forward_mode)
     if one_set and receivers is not senders:
         if symmetry is not None:
             raise ValueError("symmetry needs one set of fields: pass the same object as receivers and senders")
@@ -96,7 +100,7 @@ def pair_sum(
     # One set is one argument, so that its derivative is collected once; two sets are two.
     particles = (receivers,) if one_set else (receivers, senders)
     if forward_mode:
-        return over_slots(of_pair, particles, edge_fields, neighbors, constants, signs)
+        return over_slots(of_pair, particles, edge_fields, neighbors, constants, signs, transposable=True)
     forward = PairList(neighbors.indices, neighbors.count)
     fixed = {
         "list": forward,
@@ -106,6 +110,42 @@ def pair_sum(
     if edges is not None and edges.backward is None and signs is None:
         raise ValueError("these edges were made without backward values; state the symmetry of the physics")
     return transposable(of_pair, signs)((particles, edge_fields, constants), fixed)
+
+
+def _among_members(physics, receivers, senders, neighbors, forward_mode):
+    """The sum where only some particles of both sets have a row: theirs, put back among zeros for all others."""
+    rows, back = neighbors, neighbors.transpose
+    few = PairList(rows.indices, rows.count, PairList(back.indices, back.count))
+    near = [jax.tree.map(partial(_taken, part), fields) for part, fields in ((rows, receivers), (back, senders))]
+    total = pair_sum(physics, *near, few, forward_mode=forward_mode)
+    return jax.tree.map(partial(_put_back, rows), total)
+
+
+def _taken(part, leaf):
+    """The members' values of a field (..., N). What stands in rows that are left over is that of the last particle."""
+    return linear_call(_members_of, _among_all, _Places(part.members, part.place), leaf)
+
+
+def _put_back(part, leaf):
+    """A field (..., N) with the values of the members, and zero for all others. A gather too, in both directions."""
+    return linear_call(_among_all, _members_of_or_zero, _Places(part.members, part.place), leaf)
+
+
+class _Places(NamedTuple):
+    members: Any
+    place: Any
+
+
+def _members_of(places, leaf):
+    return leaf.at[..., places.members].get(mode="clip")
+
+
+def _members_of_or_zero(places, leaf):
+    return leaf.at[..., places.members].get(mode="fill", fill_value=0)
+
+
+def _among_all(places, leaf):
+    return leaf.at[..., places.place].get(mode="fill", fill_value=0)
 
 
 def symmetry_error(physics: Callable, a: Any, b: Any, symmetry: Any, edges: tuple = ()) -> float:
@@ -142,8 +182,8 @@ def _hoist(physics, single):
 
 
 def _check_lengths(receivers, senders, neighbors, one_set):
-    n_receivers = neighbors.indices.shape[1]
-    n_senders = n_receivers if one_set else neighbors.transpose.indices.shape[1]
+    n_receivers = _number_of_particles(neighbors)
+    n_senders = n_receivers if one_set else _number_of_particles(neighbors.transpose)
     for name, fields, n in (("receiver", receivers, n_receivers), ("sender", senders, n_senders)):
         for path, leaf in jax.tree_util.tree_leaves_with_path(fields):
             if jnp.shape(leaf)[-1:] != (n,):
@@ -151,6 +191,11 @@ def _check_lengths(receivers, senders, neighbors, one_set):
                     f"{name} field {jax.tree_util.keystr(path)} has shape {jnp.shape(leaf)}; its last axis must be "
                     f"the {n} {name}s of the neighbor list (fields are component first, particle last)"
                 )
+
+
+def _number_of_particles(part):
+    place = getattr(part, "place", None)
+    return part.indices.shape[1] if place is None else place.shape[0]
 
 
 def _signs(symmetry, converted, single, constants):

@@ -6,12 +6,15 @@ need not know of them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
+from jaxsph.components import components, in_components
 from jaxsph.pytree import pytree_dataclass
 
 UNROLL_FROM, UNROLL = 8192, 4
@@ -73,38 +76,67 @@ def pair_edges(geometry: Callable, particles: Any, neighbors: Any, *, backward: 
     return Edges(keep_filled(forward), keep_filled(seen_back))
 
 
-def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivative=False):
+def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivative=False, transposable=False):
     """Sum f(a, b, edge, constants) over the slots of a list. particles: one set (a,), or two sets (a, b).
 
     derivative: whether f is a tangent or an adjoint, which decides how many slots are done in a turn.
+    transposable: whether JAX will differentiate the loop in reverse mode. If not, it ends with the last slot in use.
 
     Whatever the empty slots give is left out. Where f is antisymmetric it need not be: there the particle is
     paired with itself.
     """
-    a, b = particles[0], particles[-1]
-    batched = jax.vmap(f, in_axes=(-1, -1, -1, None), out_axes=-1)
-    first_edge = jax.tree.map(lambda leaf: leaf[..., 0, :], edge)
-    like_b = jax.tree.map(lambda leaf: gather(leaf, neighbors.indices[0]), b)
-    shapes, structure = jax.tree.flatten(jax.eval_shape(batched, a, like_b, first_edge, constants))
-    masked = [signs is None or sign != -1 for sign in signs or [None] * len(shapes)]
+    behind = (1, 1, 2)
+    single = tuple(
+        jax.tree.map(lambda leaf, n=n: jax.ShapeDtypeStruct(leaf.shape[: leaf.ndim - n], leaf.dtype), tree)
+        for tree, n in zip((particles[0], particles[-1], edge), behind, strict=True)
+    )
+    of_components, structure, shapes = in_components(f, single, constants, keep_rules=transposable)
+    fields_a, fields_b = components(particles[0]), components(particles[-1])
+    batched = jax.vmap(of_components)
+    n_slots, n = neighbors.indices.shape
+    unroll = min(_slots_in_a_turn(n, derivative), n_slots)
+    whole = n_slots % unroll == 0 or transposable
+    masked = [
+        signs is None or signs[leaf] != -1 or not whole
+        for leaf, shape in enumerate(shapes)
+        for _ in range(math.prod(shape.shape))
+    ]
 
     def add_slot(totals, slot):
         number, index, edge_of_slot = slot
-        values = batched(a, jax.tree.map(lambda leaf: gather(leaf, index), b), edge_of_slot, constants)
+        values = batched(fields_a, [gather(leaf, index) for leaf in fields_b], components(edge_of_slot))
         filled = number < neighbors.count
-        values = jax.tree.leaves(values)
         values = [
             jnp.where(filled, value, jnp.zeros((), value.dtype)) if mask else value
             for value, mask in zip(values, masked, strict=True)
         ]
         return [total + value for total, value in zip(totals, values, strict=True)], None
 
-    n_slots = neighbors.indices.shape[0]
-    slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices)
-    slots = (*slots, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), edge))
-    zeros = [jnp.zeros(shape.shape, shape.dtype) for shape in shapes]
-    unroll = min(_slots_in_a_turn(neighbors.count.shape[0], derivative), n_slots)
-    return jax.tree.unflatten(structure, jax.lax.scan(add_slot, zeros, slots, unroll=unroll)[0])
+    def slot_of(number):
+        take = partial(jax.lax.dynamic_index_in_dim, index=number, axis=-2, keepdims=False)
+        return number, take(neighbors.indices), jax.tree.map(take, edge)
+
+    def turn(carry):
+        first, totals = carry
+        for step in range(unroll):
+            totals, _ = add_slot(totals, slot_of(first + step))
+        return first + unroll, totals
+
+    totals = [jnp.zeros(n, shape.dtype) for shape in shapes for _ in range(math.prod(shape.shape))]
+    if transposable:
+        slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices)
+        slots = (*slots, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), edge))
+        totals, _ = jax.lax.scan(add_slot, totals, slots, unroll=unroll)
+    else:
+        used = jnp.max(neighbors.count)
+        _, totals = jax.lax.while_loop(lambda carry: carry[0] < used, turn, (jnp.zeros_like(used), totals))
+    totals = iter(totals)
+    return jax.tree.unflatten(structure, [joined(totals, shape.shape) for shape in shapes])
+
+
+def joined(parts, shape):
+    """The field of components (N,) taken from an iterator, (*shape, N)."""
+    return jnp.stack([joined(parts, shape[1:]) for _ in range(shape[0])]) if shape else next(parts)
 
 
 def _slots_in_a_turn(n_particles: int, derivative: bool) -> int:

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.health import BEYOND_SKIN, OUTSIDE, OVERFLOW, Health
-from jaxsph.neighbors import Capacity, Domain, NeighborList, moved, neighbor_list
+from jaxsph.neighbors import Capacity, Domain, NeighborList, moved, neighbor_list, search_of
 from jaxsph.pytree import replace
 from jaxsph.walls import WallSummation
 
@@ -46,13 +46,14 @@ def allocate(scene, positions: dict, *, skin: float | None = None, capacity_mult
     cutoff = float(scene.kernel.support_radius(np.asarray(scene.smoothing_length)))
     skin = SKIN * cutoff if skin is None else skin
     domain = scene.domain
+    everything = np.concatenate([np.asarray(p) for p in positions.values()], axis=1)
     if domain is None:
-        everything = np.concatenate([np.asarray(p) for p in positions.values()], axis=1)
         domain = Domain.around(everything, 4.0 * float(np.max(np.ptp(everything, axis=1))) + 4 * cutoff)
-    search = neighbor_list(domain, cutoff, skin, capacity_multiplier)
+    box = tuple(everything.min(axis=1).tolist()), tuple(everything.max(axis=1).tolist())
+    search = neighbor_list(domain, cutoff, skin, capacity_multiplier, box=box)
     lists = {}
     for a, b in pairs_of(scene):
-        lists[f"{a}-{b}"] = search.template(positions[a], None if a == b else positions[b])
+        lists[f"{a}-{b}"] = search.template(positions[a], None if a == b else positions[b], near_only=True)
     return lists
 
 
@@ -62,9 +63,7 @@ def rebuild(scene, templates: dict, positions: dict) -> dict[str, NeighborList]:
     lists = {}
     for a, b in pairs_of(scene):
         template = templates[f"{a}-{b}"]
-        domain = template.grid.domain
-        search = neighbor_list(domain, template.cutoff, template.skin, 1.0, template.builder)
-        lists[f"{a}-{b}"] = search.update(positions[a], template, None if a == b else positions[b])
+        lists[f"{a}-{b}"] = search_of(template).update(positions[a], template, None if a == b else positions[b])
     return lists
 
 
@@ -75,7 +74,7 @@ def note(health: Health, lists: dict[str, NeighborList], positions: dict, step) 
         a, b = name.split("-")
         sets = [neighbors] if neighbors.transpose is None else [neighbors, neighbors.transpose]
         outside = jnp.max(jnp.stack([part.outside for part in sets]))
-        health = health.note(outside >= 0, OUTSIDE, step, outside, neighbors.indices.shape[1])
+        health = health.note(outside >= 0, OUTSIDE, step, outside, neighbors.reference.shape[1])
         needed = jnp.max(jnp.stack([part.needed_slots for part in sets]))
         health = health.note(neighbors.did_buffer_overflow, OVERFLOW, step, needed, neighbors.capacity.slots)
         closer = moved(neighbors, positions[a], None if a == b else positions[b])
@@ -86,24 +85,30 @@ def note(health: Health, lists: dict[str, NeighborList], positions: dict, step) 
 
 def enlarged(neighbors: NeighborList, factor: float) -> NeighborList:
     """An empty list with arrays larger by a factor, as a template; its flags are cleared."""
-    n_receivers = neighbors.indices.shape[1]
+    n_receivers = neighbors.reference.shape[1]
     if neighbors.transpose is None:
         return _empty(neighbors, factor, n_receivers)
-    n_senders = neighbors.transpose.indices.shape[1]
+    n_senders = neighbors.transpose.reference.shape[1]
     return replace(_empty(neighbors, factor, n_senders), transpose=_empty(neighbors.transpose, factor, n_receivers))
 
 
 def _empty(part: NeighborList, factor: float, n_senders: int) -> NeighborList:
-    def grown(n: int) -> int:
-        return min(math.ceil(n * factor) + 1, n_senders) if n else 0
+    def grown(n: int, most: int = n_senders) -> int:
+        return min(math.ceil(n * factor) + 1, most) if n else 0
 
-    old, n_receivers = part.capacity, part.indices.shape[1]
-    capacity = Capacity(grown(old.slots), grown(old.range), grown(old.range_round))
+    old, rows, n_receivers = part.capacity, part.indices.shape[1], part.reference.shape[1]
+    chosen = {}
+    if part.place is not None:
+        rows = grown(rows, n_receivers)
+        chosen = {"members": jnp.full(rows, n_receivers, jnp.int32), "place": jnp.full(n_receivers, rows, jnp.int32)}
+    capacity = Capacity(grown(old.slots), grown(old.range), grown(old.range_round), rows if chosen else None)
     return replace(
         part,
         capacity=capacity,
-        indices=jnp.zeros((capacity.slots, n_receivers), jnp.int32),
-        count=jnp.zeros_like(part.count),
+        indices=jnp.zeros((capacity.slots, rows), jnp.int32),
+        count=jnp.zeros(rows, jnp.int32),
         needed_slots=jnp.int32(0),
         needed_range=jnp.zeros(2, jnp.int32),
+        needed_members=jnp.int32(0),
+        **chosen,
     )

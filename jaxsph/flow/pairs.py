@@ -98,13 +98,16 @@ def over_pairs(
 
 
 def _split(fields):
+    if jnp.ndim(fields.get("density", 0.0)) and jnp.ndim(fields.get("mass", 0.0)):
+        # gathered from each neighbor instead of mass and density, where only their quotient is asked for
+        fields = {**fields, "volume": fields["mass"] / fields["density"]}
     varying = {name: value for name, value in fields.items() if jnp.ndim(value) > 0}
     return varying, {name: value for name, value in fields.items() if jnp.ndim(value) == 0}
 
 
 def _whole(uniform, fields):
     fields = {**uniform, **fields}
-    if "density" in fields:
+    if "density" in fields and "volume" not in fields:
         fields["volume"] = fields["mass"] / fields["density"]
     return fields
 

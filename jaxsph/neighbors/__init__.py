@@ -8,7 +8,7 @@
 The conventions are those of jax-md, whose builder can be chosen too (`builder="jax-md"`).
 """
 
-from jaxsph.neighbors.build import NeighborSearch, neighbor_list
+from jaxsph.neighbors.build import NeighborSearch, neighbor_list, search_of
 from jaxsph.neighbors.cells import CellGrid
 from jaxsph.neighbors.domain import Domain
 from jaxsph.neighbors.jax_md import from_jax_md, to_jax_md
@@ -27,6 +27,7 @@ __all__ = [
     "neighbor_list",
     "raise_if_wrong",
     "safe_steps",
+    "search_of",
     "skin_message",
     "to_jax_md",
 ]

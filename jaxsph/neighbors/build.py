@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int
 
 from jaxsph.neighbors import jax_md
-from jaxsph.neighbors.cells import CellGrid, cell_order
+from jaxsph.neighbors.cells import Box, CellGrid, cell_order
 from jaxsph.neighbors.domain import Domain
 from jaxsph.neighbors.lists import NeighborList, raise_if_wrong, require_senders
 from jaxsph.neighbors.search import Capacity, find_neighbors, index_cells
-from jaxsph.neighbors.sizes import most_neighbors, widest_ranges
+from jaxsph.neighbors.sizes import most_neighbors, number_near, widest_ranges
 from jaxsph.pytree import is_concrete, replace
 
 BUILDERS = ("cells", "jax-md")
@@ -33,25 +33,31 @@ class NeighborSearch:
     builder: str
     grid: CellGrid
 
-    def allocate(self, positions: ArrayLike, senders: ArrayLike | None = None) -> NeighborList:
+    def allocate(
+        self, positions: ArrayLike, senders: ArrayLike | None = None, *, near_only: bool = False
+    ) -> NeighborList:
         """Build a list and choose the sizes of its arrays from the data. Outside jit.
 
         Args:
             positions: of the receivers, component first (d, N) [m].
             senders: of the second set (d, M); None for the neighbors of a set in itself, itself excluded.
+            near_only: of two sets, give rows only to particles near the other one: what takes time and memory for
+                all of a fluid otherwise, though few of it are near a wall.
 
         Raises:
             ValueError: wrong shapes or types, no particles, or called inside jit.
             ParticleOutside: a particle beyond a free boundary, or a position that is NaN.
         """
-        neighbors = self.template(positions, senders)
+        neighbors = self.template(positions, senders, near_only=near_only)
         positions = self._checked(positions, "positions")
         senders = None if senders is None else self._checked(senders, "senders", positions.dtype)
         if self.builder == "jax-md":
             return jax_md.allocate(self, neighbors, positions)
         return _rebuilt(self.grid, False, neighbors, positions, senders)
 
-    def template(self, positions: ArrayLike, senders: ArrayLike | None = None) -> NeighborList:
+    def template(
+        self, positions: ArrayLike, senders: ArrayLike | None = None, *, near_only: bool = False
+    ) -> NeighborList:
         """An empty list with the sizes of `allocate`, to be filled by `update`. Outside jit; compiles nothing.
 
         Arguments and errors as of `allocate`.
@@ -68,9 +74,10 @@ class NeighborSearch:
         raise_if_wrong(_noted_outside(blank, positions, senders, np))
         if self.builder == "jax-md":
             return blank
-        neighbors = self._blank(positions, senders, self._capacity(positions, senders))
+        near_only = near_only and senders is not None
+        neighbors = self._blank(positions, senders, self._capacity(positions, senders, near_only))
         if senders is not None:
-            transpose = self._blank(senders, None, self._capacity(senders, positions))
+            transpose = self._blank(senders, None, self._capacity(senders, positions, near_only))
             neighbors = replace(neighbors, transpose=transpose)
         return neighbors
 
@@ -140,7 +147,7 @@ class NeighborSearch:
             )
         return positions
 
-    def _capacity(self, receivers, senders) -> Capacity:
+    def _capacity(self, receivers, senders, near_only: bool) -> Capacity:
         """Sizes for these positions with the reserve."""
         receivers = np.asarray(receivers)
         most = most_neighbors(self.grid, receivers, senders)
@@ -155,20 +162,31 @@ class NeighborSearch:
             reserve(width, n_senders),
             # Half of a range can lie at the far end, also if there are no particles yet.
             reserve(max(width_round, width // 2), n_senders) if self.grid.goes_round else 0,
+            self._rows(receivers, senders) if near_only else None,
         )
+
+    def _rows(self, receivers, senders) -> int:
+        """How many particles get a row: those near now with the reserve, and what can come near, up to half of all."""
+        n = receivers.shape[1]
+        near = number_near(self.grid, receivers, senders)
+        return min(n, max(math.ceil(near * self.capacity_multiplier), min(senders.shape[1], n // 2), 1))
 
     def _blank(self, positions, senders, capacity: Capacity) -> NeighborList:
         """A list of these sizes, still empty. Made with NumPy: nothing to compile."""
         n = positions.shape[1]
+        rows = n if capacity.members is None else capacity.members
         arrays = {
-            "indices": np.zeros((capacity.slots, n), np.int32),
-            "count": np.zeros(n, np.int32),
+            "indices": np.zeros((capacity.slots, rows), np.int32),
+            "count": np.zeros(rows, np.int32),
+            "needed_members": np.int32(0),
             "needed_slots": np.int32(0),
             "needed_range": np.zeros(2, np.int32),
             "outside": np.int32(-1),
             "outside_position": np.zeros(positions.shape[0], positions.dtype),
             "out_of_order": np.asarray(False),
         }
+        if capacity.members is not None:
+            arrays |= {"members": np.full(rows, n, np.int32), "place": np.full(n, rows, np.int32)}
         return NeighborList(
             transpose=None if senders is None else self._blank(senders, None, capacity),
             reference=positions,
@@ -177,7 +195,7 @@ class NeighborSearch:
             skin=self.skin,
             capacity=capacity,
             builder=self.builder,
-            **{name: jnp.asarray(value) for name, value in arrays.items()},
+            **{"members": None, "place": None, **{name: jnp.asarray(value) for name, value in arrays.items()}},
         )
 
 
@@ -187,6 +205,7 @@ def neighbor_list(
     skin: float | int = 0.0,
     capacity_multiplier: float | int = 1.25,
     builder: str = "cells",
+    box: Box | None = None,
 ) -> NeighborSearch:
     """Neighbor search in a domain, after the conventions of jax-md's `partition.neighbor_list`.
 
@@ -197,6 +216,8 @@ def neighbor_list(
             cutoff + skin and stays valid while twice the largest displacement is below the skin.
         capacity_multiplier: arrays are made larger by this factor than the data need at allocation.
         builder: "cells", or "jax-md" (slower; one set only; needs the extra `jax-md`).
+        box: lower and upper corner (d,) of where most particles will be, if that is much less than the domain. The
+            search takes time and memory for it, and finds neighbors beyond it too.
 
     Returns:
         A `NeighborSearch` with the functions `allocate`, `update` and `sort`.
@@ -217,13 +238,21 @@ def neighbor_list(
     if builder == "jax-md":
         jax_md.load()
     cutoff, skin = float(cutoff), float(skin)
-    grid = CellGrid.covering(domain, cutoff + skin)
+    grid = CellGrid.covering(domain, cutoff + skin, box=box)
     return NeighborSearch(domain, cutoff, skin, float(capacity_multiplier), builder, grid)
+
+
+def search_of(neighbors: NeighborList) -> NeighborSearch:
+    """The search that a list was made with; what it allocates has no reserve."""
+    grid = neighbors.grid
+    return NeighborSearch(grid.domain, neighbors.cutoff, neighbors.skin, 1.0, neighbors.builder, grid)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
 def _rebuilt(grid, in_cell_order, neighbors, positions, senders):
     neighbors = _noted_outside(neighbors, positions, senders, jnp)
+    if neighbors.members is not None:
+        return _rebuilt_near(grid, neighbors, positions, senders)
     indexed = index_cells(grid, positions, in_cell_order)
     if neighbors.transpose is None:
         permutation, _, _, _ = indexed
@@ -231,6 +260,26 @@ def _rebuilt(grid, in_cell_order, neighbors, positions, senders):
     transpose = neighbors.transpose
     forward = _filled(grid, neighbors, positions, index_cells(grid, senders, in_cell_order), None)
     return replace(forward, transpose=_filled(grid, transpose, senders, indexed, None))
+
+
+def _rebuilt_near(grid, neighbors, positions, senders):
+    """A list of two sets with rows for those near each other: found, and then searched like any two sets."""
+    forward, positions_near = _chosen(grid, neighbors, positions, senders)
+    back, senders_near = _chosen(grid, neighbors.transpose, senders, positions)
+    forward = _filled(grid, forward, positions_near, index_cells(grid, senders_near, False), None)
+    back = _filled(grid, back, senders_near, index_cells(grid, positions_near, False), None)
+    return replace(forward, reference=positions, transpose=replace(back, reference=senders))
+
+
+def _chosen(grid, part, positions, others):
+    """The list with its members chosen, and their positions; NaN in rows that are left over."""
+    n, rows = positions.shape[1], part.capacity.members
+    near = grid.any_near(positions, others)
+    members = jnp.nonzero(near, size=rows, fill_value=n)[0].astype(jnp.int32)
+    place = jnp.where(near, jnp.minimum(jnp.cumsum(near, dtype=jnp.int32) - 1, rows), rows)
+    needed = jnp.maximum(part.needed_members, jnp.sum(near, dtype=jnp.int32))
+    part = replace(part, members=members, place=place, needed_members=needed)
+    return part, positions.at[:, members].get(mode="fill", fill_value=jnp.nan)
 
 
 def _filled(grid, neighbors, receivers, indexed_senders, own):

@@ -9,9 +9,11 @@ import math
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from jaxsph.neighbors.domain import Domain
+
+Box = tuple[tuple[float, ...], tuple[float, ...]]
 
 CELLS_AT_MOST = 2**20  # more would cost more to count than they save; 4 MB
 
@@ -31,6 +33,8 @@ class CellGrid:
         cells: number of cells along each axis of the domain.
         spans: how many cells the reach extends over, along each axis.
         along: the axis of the rows.
+        lower, lengths: of the box that the cells divide, as large as the domain or smaller. Particles beyond it
+            belong to the outermost cells: their neighbors are found too, but no faster than those of a crowd.
     """
 
     domain: Domain
@@ -38,10 +42,17 @@ class CellGrid:
     cells: tuple[int, ...]
     spans: tuple[int, ...]
     along: int
+    lower: tuple[float, ...]
+    lengths: tuple[float, ...]
 
     @classmethod
-    def covering(cls, domain: Domain, reach: float | int, fineness: tuple[int, int] = (2, 4)) -> CellGrid:
+    def covering(
+        cls, domain: Domain, reach: float | int, fineness: tuple[int, int] = (2, 4), box: Box | None = None
+    ) -> CellGrid:
         """The grid whose cells measure at least reach / fineness, across and along the rows.
+
+        box: lower and upper corner of where particles are expected; None is the whole domain, as is always the case
+        along periodic axes.
 
         Raises ValueError if a periodic axis is shorter than twice the reach, where a particle would meet two
         images of the same neighbor.
@@ -55,18 +66,17 @@ class CellGrid:
                 )
         # A periodic row has a second range for each particle, a free one does not; prefer a free axis, the last one.
         along = max(range(domain.dimension), key=lambda axis: (not domain.periodic[axis], axis))
+        lower, lengths = _within(domain, reach, box)
         across, lengthwise = fineness
         while True:
             spans = tuple(lengthwise if axis == along else across for axis in range(domain.dimension))
-            cells = tuple(
-                _cells_of_axis(length, reach / span) for length, span in zip(domain.lengths, spans, strict=True)
-            )
+            cells = tuple(_cells_of_axis(length, reach / span) for length, span in zip(lengths, spans, strict=True))
             if math.prod(cells) <= CELLS_AT_MOST:
-                return cls(domain, reach, cells, spans, along)
+                return cls(domain, reach, cells, spans, along, lower, lengths)
             if across > 1 or lengthwise > 1:
                 across, lengthwise = max(across // 2, 1), max(lengthwise // 2, 1)
             else:
-                return cls(domain, reach, _coarsened(cells), spans, along)
+                return cls(domain, reach, _coarsened(cells), spans, along, lower, lengths)
 
     @property
     def number_of_cells(self) -> int:
@@ -99,7 +109,7 @@ class CellGrid:
         """Cell of each particle along each axis. Outside and NaN give some cell: `Domain.contains` tells them."""
         rows = []
         for axis, x in enumerate(self.domain.wrap(positions)):
-            scaled = (x - self.domain.lower[axis]) * (self.cells[axis] / self.domain.lengths[axis])
+            scaled = (x - self.lower[axis]) * (self.cells[axis] / self.lengths[axis])
             clipped = jnp.clip(jnp.floor(scaled), 0, self.cells[axis] - 1)  # before the conversion: it can overflow
             rows.append(jnp.clip(clipped.astype(jnp.int32), 0, self.cells[axis] - 1))
         return jnp.stack(rows)
@@ -109,11 +119,24 @@ class CellGrid:
         row = self._row(tuple(coordinates[axis] for axis in self.across))
         return row * self.cells[self.along] + coordinates[self.along]
 
+    def number_or_none(self, positions: Float[Array, "d n"]) -> Int[Array, " n"]:
+        """Number of each particle's cell; beyond all of them for a position that is NaN."""
+        return jnp.where(jnp.isnan(positions[0]), self.number_of_cells, self.number(self.coordinates(positions)))
+
     def starts(self, sorted_numbers: Int[Array, " n"]) -> Int[Array, " cells_and_one"]:
         """First particle of each cell among particles sorted by cell, and the number of particles at the end."""
-        counts = jnp.zeros(self.number_of_cells + 1, jnp.int32)
+        counts = jnp.zeros(self.number_of_cells + 2, jnp.int32)
         counts = counts.at[sorted_numbers + 1].add(1, mode="promise_in_bounds", indices_are_sorted=True)
-        return jnp.cumsum(counts, dtype=jnp.int32)
+        return jnp.cumsum(counts[:-1], dtype=jnp.int32)
+
+    def any_near(self, positions: Float[Array, "d n"], others: Float[Array, "d m"]) -> Bool[Array, " n"]:
+        """Whether there are others in the cells around each particle: no neighbor has a particle for which not."""
+        counts = jnp.zeros(self.number_of_cells + 2, jnp.int32).at[self.number_or_none(others) + 1].add(1)
+        first, last, first_round, last_round = self.ranges(
+            self.coordinates(positions), jnp.cumsum(counts[:-1], dtype=jnp.int32)
+        )
+        near = jnp.any(last > first, axis=0)
+        return near if first_round is None else near | jnp.any(last_round > first_round, axis=0)
 
     def ranges(self, coordinates: Int[Array, "d n"], starts: Int[Array, " cells_and_one"]):
         """Candidate ranges [first, last) of particles in these cells: for each row nearby, and for its far end.
@@ -173,11 +196,11 @@ def cell_order(grid: CellGrid, positions: Float[Array, "d n"]) -> Int[Array, " n
     """
     n = positions.shape[1]
     particle_bits = max((n - 1).bit_length(), 1)
-    cell_bits = (grid.number_of_cells - 1).bit_length()
+    cell_bits = grid.number_of_cells.bit_length()
     digit_bits = 32 - particle_bits
     lanes = jnp.arange(n, dtype=jnp.uint32)
     permutation = jnp.arange(n, dtype=jnp.int32)
-    cells = grid.number(grid.coordinates(positions)).astype(jnp.uint32)
+    cells = grid.number_or_none(positions).astype(jnp.uint32)
     for shift in range(0, max(cell_bits, 1), digit_bits):
         digit = (cells >> shift) & jnp.uint32(2**digit_bits - 1)
         key = jax.lax.sort((digit << particle_bits) | lanes)
@@ -185,6 +208,16 @@ def cell_order(grid: CellGrid, positions: Float[Array, "d n"]) -> Int[Array, " n
         permutation = permutation.at[taken].get(mode="promise_in_bounds")
         cells = cells.at[taken].get(mode="promise_in_bounds")
     return permutation
+
+
+def _within(domain: Domain, reach: float, box: Box | None):
+    """Lower corner and lengths of a box, within the domain; along periodic axes those of the domain."""
+    lower, lengths = list(domain.lower), list(domain.lengths)
+    for axis in range(domain.dimension):
+        if box is not None and not domain.periodic[axis]:
+            low, high = max(box[0][axis], domain.lower[axis]), min(box[1][axis], domain.upper[axis])
+            lower[axis], lengths[axis] = low, max(high - low, reach)
+    return tuple(lower), tuple(lengths)
 
 
 def _cells_of_axis(length: float, smallest: float) -> int:

@@ -35,6 +35,10 @@ class NeighborList:
         outside: () index of the first particle found outside the domain, -1 for none.
         outside_position: (d,) where it was [m].
         out_of_order: () whether particles promised in cell order were not.
+        members: (M,) for two sets of which few are near each other: the receivers that have a row, that is a column of
+            `indices`, which then counts the senders that have one. The rows that are left over hold N.
+        place: (N,) the row of each receiver; M for none.
+        needed_members: () most receivers near senders so far; more than M is an overflow.
         grid: cells of the search.
         cutoff: distance up to which pairs interact [m].
         skin: additional distance [m].
@@ -42,8 +46,8 @@ class NeighborList:
         builder: which builder made it.
     """
 
-    indices: Int[Array, "slots receivers"]
-    count: Int[Array, " receivers"]
+    indices: Int[Array, "slots members"]
+    count: Int[Array, " members"]
     transpose: NeighborList | None
     reference: Float[Array, "d receivers"]
     needed_slots: Int[Array, ""]
@@ -51,6 +55,9 @@ class NeighborList:
     outside: Int[Array, ""]
     outside_position: Float[Array, " d"]
     out_of_order: Bool[Array, ""]
+    members: Int[Array, " members"] | None
+    place: Int[Array, " receivers"] | None
+    needed_members: Int[Array, ""]
     grid: CellGrid = static()
     cutoff: float = static()
     skin: float = static()
@@ -63,6 +70,8 @@ class NeighborList:
         needed = jnp.stack([self.needed_slots, self.needed_range[0], self.needed_range[1]])
         available = jnp.asarray([self.capacity.slots, self.capacity.range, self.capacity.range_round])
         overflow = jnp.any(needed > available)
+        if self.capacity.members is not None:
+            overflow |= self.needed_members > self.capacity.members
         return overflow if self.transpose is None else overflow | self.transpose.did_buffer_overflow
 
     @property
@@ -194,6 +203,11 @@ def _raise_overflow(part, of_list):
             f"a range of cells of the neighbor list{of_list} holds {int(widths[0])} candidates (at the far end of a "
             f"periodic row {int(widths[1])}); there is room for {capacity.range} ({capacity.range_round}). The "
             f"particles have come closer together; {cure}"
+        )
+    if capacity.members is not None and int(part.needed_members) > capacity.members:
+        raise NeighborOverflow(
+            f"{int(part.needed_members)} particles are near those of the other set, the neighbor list{of_list} has "
+            f"{capacity.members} rows; {cure}"
         )
     if slots > capacity.slots:
         raise NeighborOverflow(

@@ -30,15 +30,17 @@ class Capacity:
         slots: neighbors of one particle.
         range: candidates of one particle in one row of cells.
         range_round: candidates at the far end of a periodic row.
+        members: receivers that have a row in the list; None if all of them have.
     """
 
     slots: int
     range: int
     range_round: int = 0
+    members: int | None = None
 
 
 def index_cells(grid: CellGrid, positions, in_cell_order: bool):
-    """Put a set of particles (d, N) in cell order.
+    """Put a set of particles (d, N) in cell order. One whose position is NaN comes last and is in no cell.
 
     Returns (permutation or None, sorted positions, first particle of each cell, whether the order is right).
     With `in_cell_order` the caller has sorted them; that is checked, not repeated.
@@ -47,7 +49,7 @@ def index_cells(grid: CellGrid, positions, in_cell_order: bool):
     if not in_cell_order:
         permutation = cell_order(grid, positions)
         positions = positions.at[:, permutation].get(mode="promise_in_bounds")
-    numbers = grid.number(grid.coordinates(positions))
+    numbers = grid.number_or_none(positions)
     ordered = jnp.all(numbers[1:] >= numbers[:-1])
     return permutation, positions, grid.starts(numbers), ordered
 
@@ -102,6 +104,8 @@ def _words_of(width: int) -> tuple[int, int]:
 def _test_candidates(grid, receivers, padded, starts, own, capacity):
     """Bits of the candidates within reach: words (words, n), first candidate of each word, counts, widths."""
     ranges = grid.ranges(grid.coordinates(receivers), starts)
+    known = ~jnp.isnan(receivers[0])  # what has no position has no candidates
+    ranges = tuple(None if ends is None else jnp.where(known, ends, 0) for ends in ranges)
     # Without the barriers XLA computes each range again for each candidate, and each word for each of its uses.
     first, last, first_round, last_round = jax.lax.optimization_barrier(ranges)
     words, bases = _words(grid, receivers, padded, own, first, last, capacity.range)

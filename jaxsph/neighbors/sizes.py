@@ -26,6 +26,22 @@ def most_neighbors(grid: CellGrid, receivers, senders=None) -> int:
 
 def widest_ranges(grid: CellGrid, receivers, senders) -> tuple[int, int]:
     """Most candidates of a receiver in one row of cells, and at the far end of a periodic row."""
+    widths: dict[int, int] = {}
+    for k, width in _widths(grid, receivers, senders):
+        widths[k] = max(widths.get(k, 0), int(np.max(width)))
+    return widths[0], max((width for k, width in widths.items() if k), default=0)
+
+
+def number_near(grid: CellGrid, receivers, senders) -> int:
+    """How many receivers have senders in the cells around them, as `CellGrid.any_near`."""
+    near = np.zeros(receivers.shape[1], bool)
+    for _, width in _widths(grid, receivers, senders):
+        near |= width > 0
+    return int(np.sum(near))
+
+
+def _widths(grid, receivers, senders):
+    """By row of cells nearby the number of candidates (N,), with 0 for the row and 1, 2 for its far ends."""
     n_along, span = grid.cells[grid.along], grid.spans[grid.along]
     across, along = _coordinates(grid, senders)
     count = np.bincount(_row(grid, across) * n_along + along, minlength=grid.number_of_cells)
@@ -38,7 +54,6 @@ def widest_ranges(grid: CellGrid, receivers, senders) -> tuple[int, int]:
     if grid.goes_round:
         pieces.append((np.where(along < span, along - span + n_along, n_along), np.full_like(along, n_along)))
         pieces.append((np.zeros_like(along), np.maximum(along + span + 1 - n_along, 0)))
-    widths = [0] * len(pieces)
     for steps in grid.row_offsets:
         shifted, exists = [], np.ones_like(along, bool)
         for coordinate, step, axis in zip(across, steps, grid.across, strict=True):
@@ -48,8 +63,7 @@ def widest_ranges(grid: CellGrid, receivers, senders) -> tuple[int, int]:
             shifted.append(moved % cells)
         row = _row(grid, shifted) * n_along
         for k, (first, last) in enumerate(pieces):
-            widths[k] = max(widths[k], int(np.max((starts[row + last] - starts[row + first]) * exists)))
-    return widths[0], max(widths[1:], default=0)
+            yield k, (starts[row + last] - starts[row + first]) * exists
 
 
 def _wrapped(grid, positions):
@@ -65,7 +79,7 @@ def _coordinates(grid, positions):
     """Cells across (a list, one array for each axis) and along the rows."""
     rows = []
     for axis, x in enumerate(_wrapped(grid, positions)):
-        scaled = (x - grid.domain.lower[axis]) * (grid.cells[axis] / grid.domain.lengths[axis])
+        scaled = (x - grid.lower[axis]) * (grid.cells[axis] / grid.lengths[axis])
         rows.append(np.clip(np.floor(scaled), 0, grid.cells[axis] - 1).astype(np.int64))
     return [rows[axis] for axis in grid.across], rows[grid.along]
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxsph import flow
 from jaxsph.dynamics import topologies
 from jaxsph.fluid import Fluid
-from jaxsph.neighbors import neighbor_list
+from jaxsph.neighbors import search_of
 from jaxsph.pair_sum import pair_sum
 from jaxsph.tensors import determinant, identity_like, inverse
 
@@ -99,9 +99,8 @@ def vorticity(scene, state, name: str, found=None):
     _fluid(scene, name)
     found = topologies(scene, state) if found is None else found
     order, template = found[name], found[f"{name}-{name}"]
-    search = neighbor_list(template.grid.domain, template.cutoff, template.skin, 1.0, template.builder)
     position, velocity = (state.systems[name][field][order.order].T for field in ("position", "velocity"))
-    neighbors = search.update(jax.lax.stop_gradient(position), template)
+    neighbors = search_of(template).update(jax.lax.stop_gradient(position), template)
     fields = {"position": position, "velocity": velocity, "volume": volumes(scene, state, name)[order.order]}
 
     def of_pair(a, b):

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import jax
 
 Name = TypeVar("Name")
-VERSIONS_SHOWN = ("jax", "jax-md", "pysph")
+VERSIONS_SHOWN = ("jax", "jax-md", "pysph", "pysplishsplash")
 
 
 @dataclass(frozen=True)
