@@ -76,7 +76,13 @@ def note(health: Health, lists: dict[str, NeighborList], positions: dict, step) 
         outside = jnp.max(jnp.stack([part.outside for part in sets]))
         health = health.note(outside >= 0, OUTSIDE, step, outside, neighbors.reference.shape[1])
         needed = jnp.max(jnp.stack([part.needed_slots for part in sets]))
-        health = health.note(neighbors.did_buffer_overflow, OVERFLOW, step, needed, neighbors.capacity.slots)
+        limit = jnp.int32(neighbors.capacity.slots)
+        for part in sets:
+            if part.capacity.members is not None:
+                crowd = part.needed_members > part.capacity.members
+                needed = jnp.where(crowd, part.needed_members, needed)
+                limit = jnp.where(crowd, part.capacity.members, limit)
+        health = health.note(neighbors.did_buffer_overflow, OVERFLOW, step, needed, limit)
         closer = moved(neighbors, positions[a], None if a == b else positions[b])
         broken = ~((closer < neighbors.skin) | (closer == 0))
         health = health.note(broken & jnp.isfinite(closer), BEYOND_SKIN, step, closer, neighbors.skin)
