@@ -46,7 +46,8 @@ def allocate(scene, positions: dict, *, skin: float | None = None, capacity_mult
     cutoff = float(scene.kernel.support_radius(np.asarray(scene.smoothing_length)))
     skin = SKIN * cutoff if skin is None else skin
     domain = scene.domain
-    everything = np.concatenate([np.asarray(p) for p in positions.values()], axis=1)
+    # Of the start, so that a run that is continued has the same cells, and with them the same order of sums.
+    everything = np.concatenate([np.asarray(scene[name].particles.positions).T for name in positions], axis=1)
     if domain is None:
         domain = Domain.around(everything, 4.0 * float(np.max(np.ptp(everything, axis=1))) + 4 * cutoff)
     box = tuple(everything.min(axis=1).tolist()), tuple(everything.max(axis=1).tolist())

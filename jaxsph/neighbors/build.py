@@ -153,6 +153,11 @@ class NeighborSearch:
         most = most_neighbors(self.grid, receivers, senders)
         width, width_round = widest_ranges(self.grid, receivers, receivers if senders is None else senders)
         n_senders = receivers.shape[1] if senders is None else senders.shape[1]
+        if near_only:
+            # Sets that are apart now will meet: then a particle sees half of what the other set's see of each other.
+            others = np.asarray(senders)
+            most = max(most, math.ceil(0.5 * most_neighbors(self.grid, others)))
+            width, width_round = np.maximum((width, width_round), widest_ranges(self.grid, others, others))
 
         def reserve(needed, limit):
             return max(min(math.ceil(needed * self.capacity_multiplier), limit), 1)
