@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxsph.pytree import pytree_dataclass
+from jaxsph.pytree import pytree_dataclass, replace
 
 UNROLL_FROM, UNROLL = 8192, 4
 """From this many particles on, the forward loop does 4 slots in a turn, which lets XLA use both cores; below, one slot
@@ -37,6 +37,12 @@ class PairList:
     indices: Any
     count: Any
     transpose: Any = None
+
+    def transposed(self) -> PairList:
+        """The list with receivers and senders exchanged."""
+        if self.transpose is None:
+            return self
+        return replace(self.transpose, transpose=replace(self, transpose=None))
 
 
 @pytree_dataclass
@@ -84,7 +90,8 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
     a, b = particles[0], particles[-1]
     batched = jax.vmap(f, in_axes=(-1, -1, -1, None), out_axes=-1)
     first_edge = jax.tree.map(lambda leaf: leaf[..., 0, :], edge)
-    like_b = jax.tree.map(lambda leaf: gather(leaf, neighbors.indices[0]), b)
+    n = neighbors.count.shape[0]
+    like_b = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((*leaf.shape[:-1], n), leaf.dtype), b)
     shapes, structure = jax.tree.flatten(jax.eval_shape(batched, a, like_b, first_edge, constants))
     masked = [signs is None or sign != -1 for sign in signs or [None] * len(shapes)]
 
@@ -103,7 +110,7 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
     slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices)
     slots = (*slots, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), edge))
     zeros = [jnp.zeros(shape.shape, shape.dtype) for shape in shapes]
-    unroll = min(_slots_in_a_turn(neighbors.count.shape[0], derivative), n_slots)
+    unroll = min(_slots_in_a_turn(n, derivative), n_slots)
     return jax.tree.unflatten(structure, jax.lax.scan(add_slot, zeros, slots, unroll=unroll)[0])
 
 
