@@ -1,4 +1,4 @@
-"""What one step of a scene compiles to, read from the lowered program: operations, loops over pairs, gathered fields."""
+"""What a step of a scene compiles to, from the lowered program: operations, loops over pairs, gathered fields."""
 
 import re
 from collections import Counter
@@ -53,7 +53,7 @@ class Program:
 
     @cached_property
     def cost(self) -> dict:
-        return self.lowered.cost_analysis()
+        return dict(self.lowered.cost_analysis() or {})
 
 
 def neighbors(n: int, senders: int | None = None) -> sph.PairList:
