@@ -1,7 +1,9 @@
 """What a step of a scene compiles to, from the lowered program: operations, loops over pairs, gathered fields."""
 
+import math
 import re
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -10,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxsph as sph
-from jaxsph.dynamics import Order, place_walls, prepare
+from jaxsph.dynamics import Order, place_boundaries, prepare
 from jaxsph.structure import topology
 from jaxsph.surroundings import pairs_of
 
@@ -18,6 +20,14 @@ SLOTS = 5  # of lists of which only the shapes matter
 
 GATHER = re.compile(r"stablehlo\.gather.* -> tensor<([0-9x]+)x(?:f32|f64)>")
 OPERATION = re.compile(r"\b(stablehlo\.\w+|func\.call)")
+
+
+def numbers(shapes: Iterable[tuple[int, ...]]) -> Counter:
+    """What fields (..., N) hold: by N, how many numbers for each particle."""
+    total = Counter()
+    for *components, n in shapes:
+        total[n] += math.prod(components)
+    return total
 
 
 @dataclass
@@ -46,10 +56,13 @@ class Program:
         return self.operations["stablehlo.while"]
 
     @property
-    def gathered(self) -> list[tuple[int, ...]]:
-        """Shapes of what is gathered, all passes together."""
-        shapes = [tuple(int(n) for n in found.split("x")) for found in GATHER.findall(self.text)]
-        return sorted(shapes)
+    def gathered(self) -> Counter:
+        """Numbers gathered in all passes together, by how many particles gather them; a vector is d numbers."""
+        return numbers(tuple(int(n) for n in found.split("x")) for found in GATHER.findall(self.text))
+
+    @property
+    def n_gathers(self) -> int:
+        return len(GATHER.findall(self.text))
 
     @cached_property
     def cost(self) -> dict:
@@ -96,6 +109,7 @@ def lower(function, scene) -> Program:
     references, columns, lists = inputs(scene)
 
     def at_start(scene, references, columns, lists):
-        return function(scene, references, columns, lists, place_walls(scene, references, jnp.zeros((), scene.dtype)))
+        placed = place_boundaries(scene, references, columns, jnp.zeros((), scene.dtype))
+        return function(scene, references, columns, lists, placed)
 
     return Program(jax.jit(at_start).lower(scene, references, columns, lists), columns)

@@ -190,12 +190,22 @@ def test_layers_of_a_wall_are_counted(layers):
     assert arrangement.layers(scene, scene["tank"]) == layers
 
 
-def test_structures_beside_a_fluid_have_their_ratios():
-    """Half as dense; 2 sqrt(E / rho) too stiff a block needs more steps than the fluid."""
-    block = sph.Structure("block", sph.box((0.6, 0.0), (0.1, 0.3), 0.02), 500.0, 1e7, 0.3)
+def beside_water(**about):
+    """A block of 5 particles across in the middle of the dry floor; 12 cm is the support radius."""
+    block = sph.Structure("block", sph.box((2.0, 0.0), (0.1, 0.3), 0.02), 500.0, 1e7, 0.3, **about)
     scene = dam()
-    both = replace(scene, systems=(*scene.systems, block), effects=(*scene.effects, sph.PenaltyForce(0.05)))
-    numbers = both.explain().numbers
+    return replace(scene, systems=(*scene.systems, block), effects=(*scene.effects, sph.PenaltyForce(0.05)))
+
+
+def test_a_plate_thinner_than_the_support_radius_says_how_thick_it_is():
+    assert lacks(beside_water()) == ["thickness of block"]
+    assert lacks(beside_water(thickness=0.1)) == []
+
+
+def test_structures_beside_a_fluid_have_their_ratios():
+    """Half as dense; so stiff that it needs more steps than the fluid."""
+    both = beside_water()
+    block, numbers = both["block"], both.explain().numbers
     assert numbers["density ratio of block"].value == pytest.approx(0.5)
     assert numbers["particles across block"].value == 5
     exact = sph.stable_time_step(sph.Scene(block, effects=[sph.PenaltyForce(0.05)]))

@@ -26,6 +26,7 @@ class Facts:
         speed, speed_from: characteristic speed U, and what it is the speed of; None if nothing moves.
         length, length_from: characteristic length L.
         gravity: |g|, where it can make fluid fall; 0 along a periodic direction.
+        fall: how far fluid, or a structure beside it, can fall.
         viscosity: kinematic, the largest of the fluids; 0 if all are inviscid.
         numerical_viscosity: kinematic, that artificial viscosity acts like.
         open_share: share of fluid particles at a free surface.
@@ -42,6 +43,7 @@ class Facts:
     length: float | int
     length_from: str
     gravity: float = 0.0
+    fall: float = 0.0
     viscosity: float = 0.0
     numerical_viscosity: float = 0.0
     open_share: float = 0.0
@@ -107,7 +109,8 @@ def facts_of(scene, speed=None, length=None, surface_tension=None) -> Facts:
     gravity, up, driving = _gravity(scene)
     nu = max(0.0 if f.viscosity is None else float(f.viscosity / f.density) for f in scene.fluids)
     found, said = (float(length), "given") if length is not None else _length(scene, up)
-    fastest, of = (float(speed), "given") if speed is not None else _speed(scene, gravity, up, driving, nu, found)
+    drops = arrangement.fall_and_depth(scene, up) if gravity else (0.0, 0.0)
+    fastest, of = (float(speed), "given") if speed is not None else _speed(scene, gravity, drops, driving, nu, found)
     steps |= {f.name: float(fluid_time_step(scene, f)) for f in scene.fluids}
     effect, h = scene.effect(ArtificialViscosity), float(scene.smoothing_length)
     numerical = 0.0
@@ -124,6 +127,7 @@ def facts_of(scene, speed=None, length=None, surface_tension=None) -> Facts:
         found,
         said,
         gravity=gravity,
+        fall=float(drops[0]),
         viscosity=nu,
         numerical_viscosity=numerical,
         open_share=arrangement.open_share(scene),
@@ -160,7 +164,7 @@ def _length(scene, up):
     return float(np.min(size[~periodic])), "smallest extent of the fluid"
 
 
-def _speed(scene, gravity, up, driving, nu, length):
+def _speed(scene, gravity, drops, driving, nu, length):
     """The largest of the speeds that the scene announces, and what it is the speed of."""
     found: list[tuple[float, str]] = []
     for system in scene.systems:
@@ -168,7 +172,7 @@ def _speed(scene, gravity, up, driving, nu, length):
             size = float(np.max(np.linalg.norm(np.atleast_2d(np.asarray(system.velocity, float)), axis=1)))
             found.append((size, f"{system.name} at the start"))
     if gravity:
-        fall, depth = arrangement.fall_and_depth(scene, up)
+        fall, depth = drops
         found.append((math.sqrt(2 * gravity * fall), f"a fall of {fall:.3g} m"))
         found.append((math.sqrt(gravity * depth), f"long waves on a depth of {depth:.3g} m"))
     if driving and nu:

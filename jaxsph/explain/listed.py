@@ -17,6 +17,7 @@ from jaxsph.effects import (
 from jaxsph.explain import finding
 from jaxsph.explain.facts import Facts
 from jaxsph.explain.finding import Finding
+from jaxsph.walls import Wall
 
 SMALL = 1e-3
 """A relative error below which an effect counts as one that could be left out."""
@@ -31,7 +32,7 @@ def listed(facts: Facts) -> list[Finding]:
             found.append(Finding(f"{type(fluid.viscosity_law).__name__} of {fluid.name}", why))
     if scene.fluids:
         found.append(_density(facts))
-    for wall in scene.walls:
+    for wall in scene.boundaries:
         found += _of_wall(facts, wall)
     if any(scene.gravity):
         along = "" if facts.gravity or not scene.fluids else ", along a periodic direction: it drives the flow"
@@ -55,15 +56,17 @@ def _density(facts):
 
 
 def _of_wall(facts, wall):
-    found = [Finding(f"{type(wall.pressure).__name__} of {wall.name}", "a wall needs a pressure")]
+    found = [Finding(f"{type(wall.pressure).__name__} of {wall.name}", "fluid is held off by a pressure")]
     if getattr(wall.pressure, "clip", False):
         found.append(Finding(f"clipping of {wall.name}", "the wall does not pull, so that fluid comes off it"))
     if wall.no_slip and facts.viscosity:
         found.append(Finding(f"no slip of {wall.name}", f"the viscous layer is {_layer(facts)}"))
-    if wall.motion is not None:
+    if isinstance(wall, Wall) and wall.motion is not None:
         found.append(Finding(f"motion of {wall.name}", "prescribed"))
-    if wall.velocity is not None:
+    if isinstance(wall, Wall) and wall.velocity is not None:
         found.append(Finding(f"velocity of {wall.name}", "its surface slides"))
+    if getattr(wall, "thickness", None) is not None:
+        found.append(Finding(f"thickness of {wall.name}", f"fluid meets {wall.thickness:.3g} m as if it were thick"))
     return found
 
 
@@ -101,7 +104,7 @@ def spare(facts: Facts) -> list[Finding]:
     if not scene.fluids or facts.speed is None:
         return found
     dx, kinds = scene.spacing, [type(effect).__name__ for effect in scene.effects]
-    sticking = [wall for wall in scene.walls if wall.no_slip and facts.viscosity]
+    sticking = [wall for wall in scene.boundaries if wall.no_slip and facts.viscosity]
     thin = facts.layer < 0.5 * dx
     for wall in sticking if thin else ():
         why = f"the viscous layer is {_layer(facts)}, which particles cannot show"

@@ -12,6 +12,7 @@ from jaxsph.effects import (
     TensileControl,
 )
 from jaxsph.explain import finding
+from jaxsph.explain.arrangement import support
 from jaxsph.explain.facts import Facts
 from jaxsph.explain.finding import Finding
 
@@ -42,7 +43,7 @@ def _speeds(facts):
 
 def _walls(facts):
     scene, found, dx = facts.scene, [], facts.scene.spacing
-    for wall in scene.walls:
+    for wall in scene.boundaries:
         name, resolved = wall.name, facts.viscosity and facts.speed and facts.layer > 2 * dx
         if resolved and not wall.no_slip:
             share = min(facts.layer / facts.length, 1.0)
@@ -56,13 +57,25 @@ def _walls(facts):
                 found.append(
                     Finding(f"layers of {name}", why, share, "share of the wall's side that is empty", finding.WALLS)
                 )
-        if hasattr(wall.pressure, "clip") and facts.gravity and facts.is_open and not wall.pressure.clip:
-            why = "fluid with a free surface comes off walls, which would pull it back; pressure=...(clip=True)"
+        if name in facts.across:
+            found += _thin(facts, wall)
+            continue
+        if hasattr(wall.pressure, "clip") and facts.fall > dx and facts.is_open and not wall.pressure.clip:
+            why = "fluid that falls comes off walls, which would pull it back; pressure=...(clip=True)"
             found.append(Finding(f"clipping of {name}", why, source=finding.WALLS))
         if getattr(wall.pressure, "clip", False) and not facts.is_open:
             why = "a domain without a free surface has negative pressures, which the wall takes as zero; clip=False"
             found.append(Finding(f"negative pressure of {name}", why, source=finding.WALLS))
     return found
+
+
+def _thin(facts, structure):
+    thickness, reach = facts.across[structure.name] * structure.particles.spacing, support(facts.scene)
+    if structure.thickness is not None or thickness >= reach * (1 - 1e-6) or not thickness:
+        return []
+    why = f"{structure.name} is {thickness:.3g} m thick, less than the support radius of {reach:.3g} m; thickness=..."
+    share = 1 - thickness / reach
+    return [Finding(f"thickness of {structure.name}", why, share, "share of the structure's side that is empty")]
 
 
 def _noise(facts):
