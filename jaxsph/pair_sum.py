@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
+from jax.extend.core import ClosedJaxpr, Literal, jaxpr_as_fun
 
 from jaxsph.linear_call import linear_call
 from jaxsph.pair_adjoint import transposable
@@ -78,47 +78,52 @@ def pair_sum(
     if not one_set and (edges is not None or symmetry is not None):
         raise ValueError("edges and symmetry belong to pairs of one set; this list is one of two sets")
     _check_lengths(receivers, senders, neighbors, one_set)
-    if getattr(neighbors, "members", None) is not None:
-        return _among_members(physics, receivers, senders, neighbors, forward_mode)
     if one_set and receivers is not senders:
         if symmetry is not None:
             raise ValueError("symmetry needs one set of fields: pass the same object as receivers and senders")
         # Two views of one set: its derivative is that of both together.
         of_views, receivers = physics, (receivers, senders)
         senders, physics = receivers, lambda a, b, *edge: of_views(a[0], b[1], *edge)
-    edge_fields = None if edges is None else edges.forward
     single = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[:-1], leaf.dtype), (receivers, senders))
     if edges is not None:
-        edge = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[:-2], leaf.dtype), edge_fields)
+        edge = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[:-2], leaf.dtype), edges.forward)
         single = (*single, edge)
-    converted, constants = _hoist(physics, single)
-    signs = _signs(symmetry, converted, single, constants)
+    converted, constants, read, out = _hoist(physics, single)
+    signs = _signs(symmetry, out)
+    kept = _kept(read, one_set)
 
-    def of_pair(a, b, edge, constants):
-        return converted(a, b, *constants) if edges is None else converted(a, b, edge, *constants)
+    wanted = [_take(flags, held) for flags, held in zip(read, kept, strict=True)]
+
+    def of_pair(*leaves_and_constants):
+        *leaves, constants = leaves_and_constants
+        chosen = [leaf for held, flags in zip(leaves, wanted, strict=False) for leaf in _take(held, flags)]
+        return converted(*chosen, *constants)
 
     # One set is one argument, so that its derivative is collected once; two sets are two.
-    particles = (receivers,) if one_set else (receivers, senders)
+    particles = tuple(_take(fields, held) for fields, held in zip((receivers, senders), kept, strict=False))
+    particles = particles[:1] if one_set else particles
+    edge_fields = None if edges is None else _take(edges.forward, kept[2])
+    rows, members = neighbors, getattr(neighbors, "members", None) is not None
+    if members:
+        # Only some particles of both sets have a row: their values are taken out, and the sums put back among zeros.
+        parts = (rows, rows.transpose)
+        neighbors = PairList(rows.indices, rows.count, PairList(rows.transpose.indices, rows.transpose.count))
+        particles = tuple(
+            jax.tree.map(partial(_taken, part), fields) for part, fields in zip(parts, particles, strict=True)
+        )
     if forward_mode:
-        return over_slots(of_pair, particles, edge_fields, neighbors, constants, signs, transposable=True)
+        total = over_slots(of_pair, particles, edge_fields, neighbors, constants, signs, transposable=True)
+        return jax.tree.map(partial(_put_back, rows), total) if members else total
     forward = PairList(neighbors.indices, neighbors.count)
     fixed = {
         "list": forward,
         "back": forward if one_set else PairList(neighbors.transpose.indices, neighbors.transpose.count),
-        "edge_back": None if edges is None else edges.backward,
+        "edge_back": None if edges is None or edges.backward is None else _take(edges.backward, kept[2]),
     }
     if edges is not None and edges.backward is None and signs is None:
         raise ValueError("these edges were made without backward values; state the symmetry of the physics")
-    return transposable(of_pair, signs)((particles, edge_fields, constants), fixed)
-
-
-def _among_members(physics, receivers, senders, neighbors, forward_mode):
-    """The sum where only some particles of both sets have a row: theirs, put back among zeros for all others."""
-    rows, back = neighbors, neighbors.transpose
-    few = PairList(rows.indices, rows.count, PairList(back.indices, back.count))
-    near = [jax.tree.map(partial(_taken, part), fields) for part, fields in ((rows, receivers), (back, senders))]
-    total = pair_sum(physics, *near, few, forward_mode=forward_mode)
-    return jax.tree.map(partial(_put_back, rows), total)
+    total = transposable(of_pair, signs)((particles, edge_fields, constants), fixed)
+    return jax.tree.map(partial(_put_back, rows), total) if members else total
 
 
 def _taken(part, leaf):
@@ -165,20 +170,49 @@ def symmetry_error(physics: Callable, a: Any, b: Any, symmetry: Any, edges: tupl
 
 
 def _hoist(physics, single):
-    """Physics as a function of its arguments and of all arrays that it closes over, and these arrays.
+    """Physics as a function of the leaves that it reads and of all arrays that it closes over.
 
-    `jax.closure_convert` leaves traced integers behind, which a derivative rule may not close over.
+    Returns it, these arrays, which leaves of each argument it reads, and what it returns without its particle axis.
+    What does not lead to a result is left out, so that nothing is gathered, differentiated or kept for it.
+    (`jax.closure_convert` leaves traced integers behind, which a derivative rule may not close over.)
     """
     closed, out = jax.make_jaxpr(physics, return_shape=True)(*single)
-    structure = jax.tree.structure(out)
-    n_arguments = len(jax.tree.leaves(single))
+    jaxpr, equations = closed.jaxpr, []
+    needed = {atom for atom in jaxpr.outvars if not isinstance(atom, Literal)}
+    for equation in reversed(jaxpr.eqns):
+        if equation.effects or any(variable in needed for variable in equation.outvars):
+            equations.append(equation)
+            needed |= {atom for atom in equation.invars if not isinstance(atom, Literal)}
+    held = [variable in needed for variable in jaxpr.constvars]
+    pruned = jaxpr.replace(
+        constvars=[variable for variable, is_held in zip(jaxpr.constvars, held, strict=True) if is_held],
+        invars=[variable for variable in jaxpr.invars if variable in needed],
+        eqns=equations[::-1],
+    )
+    constants = [value for value, is_held in zip(closed.consts, held, strict=True) if is_held]
+    structure, n_read = jax.tree.structure(out), len(pruned.invars)
+    flags = iter(variable in needed for variable in jaxpr.invars)
+    read = [[next(flags) for _ in jax.tree.leaves(argument)] for argument in single]
 
-    def converted(*arguments):
-        leaves = jax.tree.leaves(arguments)
-        hoisted = ClosedJaxpr(closed.jaxpr, leaves[n_arguments:])
-        return jax.tree.unflatten(structure, jaxpr_as_fun(hoisted)(*leaves[:n_arguments]))
+    def converted(*leaves):
+        hoisted = ClosedJaxpr(pruned, leaves[n_read:])
+        return jax.tree.unflatten(structure, jaxpr_as_fun(hoisted)(*leaves[:n_read]))
 
-    return converted, closed.consts
+    return converted, constants, read, out
+
+
+def _kept(read, one_set):
+    """Which leaves go into the loop, by argument: those that are read, of one set in either role."""
+    kept = [list(flags) for flags in read]
+    if one_set:
+        kept[0] = kept[1] = [a or b for a, b in zip(*read[:2], strict=True)]
+    if not any(kept[0]) and not any(kept[1]):
+        kept[0][0] = True  # a constant for every pair: something must say how many particles there are
+    return kept
+
+
+def _take(tree, kept):
+    return [leaf for leaf, is_kept in zip(jax.tree.leaves(tree), kept, strict=True) if is_kept]
 
 
 def _check_lengths(receivers, senders, neighbors, one_set):
@@ -198,11 +232,10 @@ def _number_of_particles(part):
     return part.indices.shape[1] if place is None else place.shape[0]
 
 
-def _signs(symmetry, converted, single, constants):
+def _signs(symmetry, out):
     """The stated symmetry of each leaf that physics returns, as a tuple of +1 and -1; None if nothing is stated."""
     if symmetry is None:
         return None
-    out = jax.eval_shape(lambda *arguments: converted(*arguments), *single, *constants)
     signs = tuple(jax.tree.leaves(jax.tree.broadcast(symmetry, out)))
     if any(sign not in (1, -1) for sign in signs):
         raise ValueError(f"symmetry is {symmetry}; it must be made of +1 and -1")

@@ -192,7 +192,17 @@ class Scene:
             )
         lines.append(f"  gravity {_short(self.gravity)} m/s^2")
         lines.append("  effects: " + (", ".join(str(e) for e in self.effects) or "none"))
+        if is_concrete(self):
+            from jaxsph.explain import summary
+
+            lines += ["  " + line for line in summary(self)]
         return "\n".join(lines)
+
+    def explain(self, **about):
+        """Why its effects are on, which could be left out, which are missing: see `jaxsph.explain.explain`."""
+        from jaxsph.explain import explain
+
+        return explain(self, **about)
 
 
 def _check_systems(systems):

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.components import components, in_components
-from jaxsph.pytree import pytree_dataclass
+from jaxsph.pytree import pytree_dataclass, replace
 
 UNROLL_FROM, UNROLL = 8192, 4
 """From this many particles on, the forward loop does 4 slots in a turn, which lets XLA use both cores; below, one slot
@@ -40,6 +40,12 @@ class PairList:
     indices: Any
     count: Any
     transpose: Any = None
+
+    def transposed(self) -> PairList:
+        """The list with receivers and senders exchanged."""
+        if self.transpose is None:
+            return self
+        return replace(self.transpose, transpose=replace(self, transpose=None))
 
 
 @pytree_dataclass

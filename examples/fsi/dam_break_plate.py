@@ -1,6 +1,6 @@
 """A dam breaks against an elastic plate, which bends, and the water runs over it.
 
-The tip is compared with six published codes (`examples/data/dambreak_elastic_plate_tip.csv`): their envelope is gray.
+The tip is compared with published codes (`examples/data/dambreak_elastic_plate_tip.csv`), in gray.
 
     python examples/fsi/dam_break_plate.py --particles 30
 """
@@ -43,7 +43,7 @@ def main(particles=20, across=5, t_end=0.7, out=None, animation=None, picture="d
     plot.moments(run, t_end * np.array([0.2, 0.35, 0.6, 1.0]), axes=panels)
     axes = below.subplots()
     for name, (when, where) in published().items():
-        axes.plot(when, 1e3 * where, color="0.7", lw=1, label="six published codes" if "Idelsohn" in name else None)
+        axes.plot(when, 1e3 * where, color="0.7", lw=1, label="published codes" if "Idelsohn" in name else None)
     axes.plot(times, 1e3 * tip, color="C0", label=f"jaxsph, {particles} particles over the column's width")
     axes.set(xlabel="time [s]", ylabel="displacement of the tip [mm]", xlim=(0, t_end))
     axes.legend(frameon=False)

@@ -25,7 +25,8 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
     outside = [effect for effect in scene.flow_effects if effect.acceleration is not None]
     shifting, delta = scene.effect(Shifting), scene.effect(DeltaDiffusion)
     carry = shifting is not None and not shifting.free_surface
-    covered = (shifting is not None and shifting.free_surface) or scene.effect(TensileControl) is not None
+    outward = shifting is not None and shifting.free_surface
+    covered = outward or scene.effect(TensileControl) is not None
     pressures = {fluid.name: pressure(fluid, columns[fluid.name]) for fluid in scene.fluids}
     walls = wall_states(scene, references, columns, placed, pressures, lists, forward_mode=forward_mode)
     correction = scene.effect(KernelGradientCorrection)
@@ -68,7 +69,8 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                 if covered:
                     volumes = a["volume"] * b["volume"]
                     sums["cover"] = -volumes * dot(pair.offset, pair.gradient) / scene.dimension
-                    sums["normal"] = volumes * pair.gradient
+                    if outward:
+                        sums["normal"] = volumes * pair.gradient
                 if delta is not None and same:
                     volumes = a["volume"] * b["volume"]
                     sums["moment"] = -volumes * pair.gradient[:, None] * pair.offset[None, :]
@@ -80,7 +82,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                 symmetry = {"force": -1}
                 if shifting is not None:
                     symmetry |= {"crowding": -1} | ({"carried": 1} if carry else {})
-                symmetry |= {"cover": 1, "normal": -1} if covered else {}
+                symmetry |= ({"cover": 1} if covered else {}) | ({"normal": -1} if outward else {})
                 symmetry |= {"moment": 1, "density_gradient": 1} if delta is not None else {}
                 opposite = scene.density.symmetric and correction is None and all(e.symmetric for e in active)
                 symmetry = symmetry if opposite else None

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxsph.fluid import Fluid
 from jaxsph.pair_sum import dot, pair_sum
 from jaxsph.pytree import pytree_dataclass
+from jaxsph.walls import Wall
 
 
 class Pair(NamedTuple):
@@ -73,7 +74,9 @@ def pressure(fluid: Fluid, columns: dict):
 def over_pairs(
     scene, fluid, of_pair: Any, receivers, senders, neighbors, symmetry: Any = None, forward_mode=False, thin=None
 ) -> Any:
-    """Sum of_pair(a, b, pair) where a and b have all their fields; numbers shared by a system are not gathered.
+    """Sum of_pair(a, b, pair) where a and b have all their fields.
+
+    What a system shares, a number or a field (..., 1), is not gathered.
 
     thin: of the boundary among the two, which is thinner than the support radius.
     """
@@ -101,8 +104,10 @@ def _split(fields):
     if jnp.ndim(fields.get("density", 0.0)) and jnp.ndim(fields.get("mass", 0.0)):
         # gathered from each neighbor instead of mass and density, where only their quotient is asked for
         fields = {**fields, "volume": fields["mass"] / fields["density"]}
-    varying = {name: value for name, value in fields.items() if jnp.ndim(value) > 0}
-    return varying, {name: value for name, value in fields.items() if jnp.ndim(value) == 0}
+    several = fields["position"].shape[-1] > 1
+    varying = {k: v for k, v in fields.items() if jnp.ndim(v) and not (several and v.shape[-1] == 1)}
+    shared = {k: v for k, v in fields.items() if k not in varying}
+    return varying, {k: v[..., 0] if jnp.ndim(v) else v for k, v in shared.items()}
 
 
 def _whole(uniform, fields):
@@ -127,12 +132,22 @@ def partners(scene, fluid, lists):
         yield wall, lists[f"{fluid.name}-{wall.name}"]
 
 
+def motion_of(wall, placed):
+    """Positions (d, N), velocities and accelerations of a boundary; what all of it shares, such as rest, is (d, 1)."""
+    position, velocity, acceleration = placed[wall.name]
+    if not wall.moves:
+        velocity = velocity[:, :1]
+    if not (isinstance(wall, Wall) and wall.moves):
+        acceleration = acceleration[:, :1]  # of structures it counts as zero
+    return position, velocity, acceleration
+
+
 def wall_at_rest(fluid, wall, references, placed):
     """A wall as a fluid meets it in the density's rate: with its own velocity and the rest density.
 
     A sliding surface does not move the wall: its velocity would let a corner breathe.
     """
-    position, velocity, _ = placed[wall.name]
+    position, velocity, _ = motion_of(wall, placed)
     velocity = velocity if wall.moves else jnp.zeros_like(velocity)
     fields = {"position": position, "velocity": velocity}
     volume = references[wall.name].volume

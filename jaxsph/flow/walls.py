@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from jaxsph.flow.pairs import fluid_fields, over_pairs
+from jaxsph.flow.pairs import fluid_fields, motion_of, over_pairs
 from jaxsph.walls import WallContinuity, WallSummation
 
 
 def wall_in_forces(fluid, wall, references, placed, state):
     """A wall as a fluid meets it in the forces."""
-    position, velocity, _ = placed[wall.name]
+    position, velocity, _ = motion_of(wall, placed)
     volume = references[wall.name].volume
     fields = {"position": position, "velocity": velocity, "mass": fluid.density * volume}
     fields["density"] = fluid.density
@@ -35,7 +35,7 @@ def wall_states(scene, references, columns, placed, pressures, lists, *, forward
     for wall in scene.boundaries:
         model, state = wall.pressure, {}
         sticking = wall.no_slip and any(fluid.viscosity is not None for fluid in scene.fluids)
-        position, velocity, acceleration = placed[wall.name]
+        position, velocity, acceleration = motion_of(wall, placed)
         if model.extrapolates or sticking:
             total = weight = moving = 0.0
             for fluid in scene.fluids:
