@@ -231,8 +231,8 @@ class Diffrax:
 
         def evaluate(time, y):
             """All fields that follow from those of the solver, and the rates of these."""
-            merged = {name: {**values, **y.get(name, {})} for name, values in columns.items()}
-            fields = constrain(scene, references, merged, time)
+            shifted = {name: {k: v for k, v in columns[name].items() if k == "shift"} | y[name] for name in y}
+            fields = constrain(scene, references, {**columns, **shifted}, time)
             lists, placed, changes = {}, None, {}
             if scene.fluids:
                 placed = place_boundaries(scene, references, fields, time)
