@@ -12,14 +12,15 @@ from jaxsph.accuracy import Results, Row, Study
 
 @dataclass(frozen=True)
 class Peer:
-    """A case of another code: `name` in pysph_flows.py, the resolutions to run, and how a run of it is judged.
+    """A case of another code: `name` in its program, the resolutions to run, and how a run of it is judged.
 
-    errors_of: {array: values} as that program saves them -> {error: value}.
+    errors_of: {array: values} as that program saves them -> {error: value}. package: of the code.
     """
 
     name: str
     resolutions: tuple[int, ...]
     errors_of: Callable[[dict[str, np.ndarray]], dict[str, float]]
+    package: str = "pysph"
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Case:
         labels: {error: label of the axis}; the first is drawn.
         make: quick -> table.
         tolerances: for which the cheapest settings are looked up; seconds: for which the most accurate are.
-        peer: the same case of PySPH.
+        peers: the same case in other codes.
     """
 
     id: str
@@ -41,7 +42,7 @@ class Case:
     make: Callable[[bool], Results]
     tolerances: tuple[float, ...]
     seconds: tuple[float, ...] = (1.0, 10.0)
-    peer: Peer | None = None
+    peers: tuple[Peer, ...] = ()
 
 
 def studied(study: Study, settings: list[dict], quick: bool, quick_settings: list[dict]) -> Results:

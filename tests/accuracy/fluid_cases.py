@@ -150,7 +150,7 @@ CASES = [
         {"velocity": "relative L2 error of the velocity at t = 1"},
         vortices,
         (0.05, 0.02, 0.01),
-        peer=Peer("taylor_green", (25, 50, 100), vortices_of_peer),
+        peers=(Peer("taylor_green", (25, 50, 100), vortices_of_peer),),
     ),
     Case(
         "poiseuille",
@@ -158,7 +158,7 @@ CASES = [
         {"velocity": "rms error of the velocity / top speed"},
         poiseuille,
         (0.02, 0.01, 0.005),
-        peer=Peer("poiseuille", (10, 20, 40), poiseuille_of_peer),
+        peers=(Peer("poiseuille", (10, 20, 40), poiseuille_of_peer),),
     ),
     Case(
         "cavity",
@@ -166,6 +166,6 @@ CASES = [
         {"velocity": "rms error on the center lines / lid speed"},
         cavity,
         (0.02, 0.01, 0.005),
-        peer=Peer("cavity", (16, 25, 35), cavity_of_peer),
+        peers=(Peer("cavity", (16, 25, 35), cavity_of_peer),),
     ),
 ]

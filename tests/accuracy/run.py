@@ -4,8 +4,8 @@ python tests/accuracy/run.py --only taylor_green,cavity    some of the cases
 python tests/accuracy/run.py --quick                       coarse only, into out/accuracy
 
 Each case writes its table (docs/results/accuracy/CASE.csv) and its picture (docs/images/accuracy_CASE.png) when it is
-done; docs/results/accuracy.json holds the rows of all cases, those that were not run as they were. Exit code 1 if a
-case breaks off.
+done; docs/results/accuracy.json holds the rows of all cases, those that were not run as they were. docs/accuracy.md is
+then made from page.md and these. Exit code 1 if a case breaks off.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import math
 import platform
+import re
 import sys
 import traceback
 from collections.abc import Sequence
@@ -53,7 +54,7 @@ def records(case: Case, results: Results) -> list[dict[str, Any]]:
                 "particles": row.settings.get("particles"),
                 "settings": _others(row.settings),
                 "code": row.settings["code"],
-                **{f"error_{k}": row.errors[n] if n in names else None for k, n in enumerate(results.errors, 1)},
+                **{f"error_{k}": _error(row, results.errors, k) for k in (1, 2, 3)},
                 "front": ", ".join(name for name in names if id(row) in fronts.get(name, ())),
                 "seconds": _number(row.seconds),
                 "compile_seconds": _number(row.compile_seconds),
@@ -96,6 +97,11 @@ def answers(case: Case, results: Results) -> list[dict[str, Any]]:
 
 def _known(results: Results, name: str) -> bool:
     return any(math.isfinite(row.errors.get(name, math.nan)) for row in results)
+
+
+def _error(row, names: Sequence[str], k: int) -> float | None:
+    """The k-th error of a row; the table has room for three."""
+    return _number(row.errors.get(names[k - 1], math.nan)) if k <= len(names) else None
 
 
 def _number(value: float) -> float | None:
@@ -146,7 +152,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", metavar="CASE,CASE", help=f"some of {', '.join(case.id for case in CASES)}")
     parser.add_argument("--quick", action="store_true", help="coarse resolutions only: does it work?")
     parser.add_argument("--out", type=Path, help="folder of results/ and images/ (default docs)")
-    parser.add_argument("--pysph", default=sys.executable, metavar="PYTHON", help="a Python that has PySPH")
+    parser.add_argument("--peers", default=sys.executable, metavar="PYTHON", help="a Python that has the other codes")
     options = parser.parse_args(arguments)
     try:
         cases = chosen(options.only)
@@ -157,29 +163,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     for case in cases:
         print(f"\n{case.id}: {case.title}", flush=True)
         try:
-            run_case(case, options.quick, options.pysph, folder)
+            run_case(case, options.quick, options.peers, folder)
         except Exception:  # one case that breaks off must not lose the others: its traceback is shown, exit code 1
             traceback.print_exc()
             broken.append(case.id)
-    if not options.quick and options.out is None and not broken:
-        write_page(ROOT / "docs" / "accuracy.md")
+    if not options.quick and options.out is None:
+        write_page(ROOT / "docs")
     if broken:
         print(f"broke off: {', '.join(broken)}", file=sys.stderr)
     return int(bool(broken))
 
 
-def write_page(page: Path) -> None:
-    """Fill the tables of the page, as docs/build.py does for all."""
-    sys.path.insert(0, str(page.parent))
+def write_page(docs: Path) -> None:
+    """docs/accuracy.md from page.md, of the cases that have results, with its tables filled as docs/build.py does."""
+    sys.path.insert(0, str(docs))
     import build  # pyright: ignore
 
-    page.write_text(
-        build.fill(  # pyright: ignore
-            page.read_text(encoding="utf-8")
-        ),
-        encoding="utf-8",
-    )
-    print(f"{page} written")
+    known = {row["id"] for row in load(docs / "results" / "accuracy.json")}
+    first, *sections = (Path(__file__).parent / "page.md").read_text(encoding="utf-8").split("\n## ")
+    asked = lambda text: re.findall(r"results:begin accuracy (\w+)", text)  # noqa: E731
+    shown = [first, *(text for text in sections if all(name in known for name in asked(text)))]
+    text = build.fill("\n## ".join(shown))  # pyright: ignore[reportAttributeAccessIssue]
+    (docs / "accuracy.md").write_text(text, encoding="utf-8")
+    print(f"{docs / 'accuracy.md'} written")
 
 
 if __name__ == "__main__":
