@@ -75,7 +75,7 @@ def work_precision(
     axes.tick_params(labelsize=SMALL)
     axes.grid(True, which="major", alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.margins(0.12)
+    axes.margins(x=0.2, y=0.12)
     axes.legend(fontsize=7.5, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     if path is not None:
         matplotlib("backends.backend_agg").FigureCanvasAgg(figure)

@@ -168,7 +168,8 @@ class Results:
             if isinstance(value, str):
                 shown.append(value)
             elif value is not None:
-                shown.append(f"{name} {value:.4g}" if isinstance(value, float) else f"{name} {value}")
+                spaced = name.replace("_", " ")
+                shown.append(f"{spaced} {value:.4g}" if isinstance(value, float) else f"{spaced} {value}")
         return ", ".join(shown)
 
     def save(self, path: str | Path) -> Path:

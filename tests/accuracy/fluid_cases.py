@@ -78,7 +78,7 @@ def poiseuille(quick: bool) -> Results:
         systems = tuple(replace(s, viscosity_law=law) if s.name == "water" else s for s in scene.systems)
         return replace(scene, systems=systems)
 
-    title = "Poiseuille flow from rest, Re .0125, to t = .225 H^2 / nu"
+    title = "Poiseuille flow from rest, Re .0125, to t = .225 H²/ν"
     study = Study(scene_of, 0.225, 0.0225, error_of=error_of, title=title)
     two = {"particles": (10, 20), "precision": ("float32",)}
     settings = [
