@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 from cases import Case, studied
 from motion import TIP, csm3_reference, oscillation  # pyright: ignore[reportMissingImports]
+from reference import number  # pyright: ignore
 
 import jaxsph
 from jaxsph.accuracy import Results, Study, grid
 from jaxsph.pytree import replace
+
+DEFLECTION = number("fsi/hydrostatic_plate_fem.csv", "w_fem_midplane_m", nu="0.3")
 
 
 def csm3(quick: bool) -> Results:
@@ -38,6 +41,27 @@ def csm3(quick: bool) -> Results:
     return studied(study, settings, quick, grid(precision=["float32"], particles=(3, 5)))
 
 
+def column_on_plate(quick: bool) -> Results:
+    """Mean deflection of the middle over the second half of .5 s, in which the plate swings several times."""
+
+    def error_of(run):
+        middle = np.asarray(run.probe("plate", (0.5, -0.025)).displacement[:, 1], float)
+        late = np.asarray(run.times, float) >= 0.25
+        return {"deflection": abs(float(np.mean(middle[late])) / DEFLECTION - 1)}
+
+    def scene_of(particles=5, smoothing=1.5):
+        return jaxsph.scenes.water_column_on_plate(particles, smoothing=smoothing)
+
+    title = "Column of water on an elastic plate, .25 to .5 s"
+    study = Study(scene_of, 0.5, 0.0025, error_of=error_of, title=title)
+    settings = [
+        *grid(precision=["float32"], particles=(3, 4, 5, 7)),
+        *grid(precision=["float64"], particles=(3, 5)),
+        *grid(precision=["float32"], particles=(3, 5), smoothing=(2.0,)),
+    ]
+    return studied(study, settings, quick, grid(precision=["float32"], particles=(3,)))
+
+
 CASES = [
     Case(
         "beam_csm3",
@@ -49,5 +73,13 @@ CASES = [
         },
         csm3,
         (0.02, 0.01, 0.005),
+    ),
+    Case(
+        "column_on_plate",
+        "Column on a plate",
+        {"deflection": "relative error of the mean deflection"},
+        column_on_plate,
+        (0.1, 0.05),
+        (10.0, 60.0),
     ),
 ]
