@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 PINS := pyproject.toml constraints.txt
 
-.PHONY: help calibrate test validate bench docs lint format clean
+.PHONY: help calibrate test validate bench accuracy docs lint format clean
 .DELETE_ON_ERROR:
 
 help:
@@ -15,6 +15,7 @@ help:
 	@echo "make test        run the tests"
 	@echo "make validate    run every validation; writes docs/results/validation.json"
 	@echo "make bench       measure speed, ours beside others; writes docs/results/benchmark.json"
+	@echo "make accuracy    what accuracy costs in time; writes docs/accuracy.md and its pictures"
 	@echo "make docs        fill the tables, run the notebook, build the pages in docs/_build"
 	@echo "make lint        ruff and the type checker"
 	@echo "make clean       remove the environment and everything that was made"
@@ -33,6 +34,9 @@ validate: $(VENV)/.dev
 bench: $(VENV)/.bench
 	@mkdir -p docs/results
 	$(BIN)/python tests/benchmarks/run.py $(ARGS)
+
+accuracy: $(VENV)/.bench
+	$(BIN)/python tests/accuracy/run.py $(ARGS)
 
 docs: $(VENV)/.docs
 	$(BIN)/python docs/build.py

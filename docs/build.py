@@ -6,6 +6,8 @@ A page asks for a table with a pair of markers, and everything between them is r
     <!-- results:begin validation S03,S05 -->  the rows whose id starts with S03 or S05
     <!-- results:begin benchmark -->           every row of docs/results/benchmark.json
     <!-- results:begin modal -->               every row of docs/results/modal.json
+    <!-- results:begin accuracy cavity -->     the runs of a study in docs/results/accuracy.json
+    <!-- results:begin accuracy_answers answer.cavity -->  what to take for an error or a time
     <!-- results:begin -->                     validation and benchmark
     <!-- results:end -->
 
@@ -57,6 +59,34 @@ TABLES: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
             ("threads", "threads"),
         ),
         "make bench",
+    ),
+    "accuracy": (
+        (
+            ("particles", "particles"),
+            ("settings", "settings"),
+            ("code", "code"),
+            ("error_1", "error 1"),
+            ("error_2", "error 2"),
+            ("error_3", "error 3"),
+            ("front", "on the front of"),
+            ("seconds", "time [s]"),
+            ("compile_seconds", "compiling [s]"),
+            ("steps", "steps"),
+            ("n_particles", "all particles"),
+            ("memory_mb", "memory [MB]"),
+            ("failure", "failed"),
+        ),
+        "make accuracy",
+    ),
+    "accuracy_answers": (
+        (
+            ("question", "asked for"),
+            ("particles", "particles"),
+            ("settings", "settings"),
+            ("error", "error"),
+            ("seconds", "time [s]"),
+        ),
+        "make accuracy",
     ),
     "modal": (
         (

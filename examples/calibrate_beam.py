@@ -4,6 +4,7 @@ The data are the finite-element tip trajectory of CSM3 (examples/data, source na
 E = 1.4e6 Pa. The fit starts a factor 3 off and simulates the beam by total-Lagrangian SPH.
 
     python examples/calibrate_beam.py --particles 9 --noise 0.05 --out out --json out/calibrate_beam.json
+    python examples/calibrate_beam.py --coarse 5,9 --particles 17      # the answer of 17, from fits at 5 and 9
 """
 
 import argparse
@@ -29,6 +30,7 @@ def main(
     seed=0,
     start=3.0,
     bias_check=True,
+    coarse=(),
     out="out",
     json_path=None,
 ):
@@ -37,25 +39,35 @@ def main(
     particles: across the thickness. precision: float32 or float64. noise: standard deviation of what is added
     to the data, relative to their amplitude. window: how much of the record [s]. every: interval of samples [s].
     start: factor by which the first guess is off. bias_check: estimate the bias of the resolution by one run at
-    twice the resolution.
+    twice the resolution. coarse: particles across of coarser beams to fit instead of this one, whose answer is then
+    extrapolated and confirmed (`inverse.coarse_to_fine`).
     """
     if precision not in ("float32", "float64"):
         raise ValueError(f"precision {precision!r} must be float32 or float64")
     jax.config.update("jax_enable_x64", precision == "float64")
-    scene = sph.scenes.turek_hron_beam(particles)
     data = inverse.Observations.from_csv(
         DATA, time="t_s", columns=["ux_m", "uy_m"], window=(every, window), every=round(every / 0.005)
     )
     if noise:
         data = data.with_noise(relative=noise, seed=seed)
-    problem = inverse.Problem(
-        scene,
-        observe=lambda run: run.probe("beam", at=TIP).displacement,
-        data=data,
-        unknown={"beam.youngs_modulus": inverse.log(2e5, 6e6, start=start * TRUE_MODULUS, unit="Pa")},
-    )
-    print(f"{scene}\n{len(data.times)} samples of the tip's ux, uy to {window:g} s, noise {noise:g}")
-    fit = inverse.fit(problem, progress=True)
+
+    def problem_of(resolution):
+        """Thickness over spacing is one less than the particles across."""
+        return inverse.Problem(
+            sph.scenes.turek_hron_beam(round(resolution) + 1),
+            observe=lambda run: run.probe("beam", at=TIP).displacement,
+            data=data,
+            unknown={"beam.youngs_modulus": inverse.log(2e5, 6e6, start=start * TRUE_MODULUS, unit="Pa")},
+        )
+
+    problem = problem_of(particles - 1)
+    print(f"{problem.scene}\n{len(data.times)} samples of the tip's ux, uy to {window:g} s, noise {noise:g}")
+    if coarse:
+        found = inverse.coarse_to_fine(problem_of, [n - 1 for n in (*coarse, particles)], progress=True)
+        print(f"\n{found}")
+        fit = found.fit
+    else:
+        fit = inverse.fit(problem, progress=True)
     modulus, error = float(fit["beam.youngs_modulus"]), fit.standard_errors["beam.youngs_modulus"]
     relative = modulus / TRUE_MODULUS - 1
     bias = discretization_bias(fit, particles, data.times) if bias_check else None
@@ -110,6 +122,7 @@ if __name__ == "__main__":
     parser.add_argument("--seed", type=int, default=0, help="of the noise")
     parser.add_argument("--start", type=float, default=3.0, help="factor by which the first guess is off (3)")
     parser.add_argument("--no-bias", dest="bias_check", action="store_false", help="no run at twice the resolution")
+    parser.add_argument("--coarse", type=lambda text: [int(n) for n in text.split(",")], default=(), help="such as 5,9")
     parser.add_argument("--out", default="out", help="folder for results")
     parser.add_argument("--json", dest="json_path", help="file for the summary")
     main(**vars(parser.parse_args()))

@@ -79,7 +79,7 @@ def fit(
     if progress:
         print(message)
     best, uncertainty, reason = _uncertainty(model, best)
-    return _result(
+    return result_of(
         model,
         method,
         best,
@@ -148,7 +148,7 @@ def _uncertainty(model: Model, best: Evaluation) -> tuple[Evaluation, Uncertaint
     return best, estimate(model, best), ""
 
 
-def _result(
+def result_of(
     model: Model,
     method: str,
     best: Evaluation,
@@ -159,6 +159,7 @@ def _result(
     history: list[dict],
     seconds: float,
 ) -> Fit:
+    """The Fit that says what a method found: `best`, and how it got there."""
     problem, data = model.problem, model.problem.data
     messages = list(uncertainty.messages) if uncertainty is not None else [reason]
     signal = data.values - np.mean(data.values, axis=0)

@@ -39,6 +39,7 @@ class Model:
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
+        self.simulate = problem.simulate  # the default one is made here: what it takes is not compiling
         self.labels = problem.labels
         data = problem.data
         self.data = data.values.reshape(-1)
@@ -52,7 +53,7 @@ class Model:
             self.deviation = data.standard_deviations.reshape(-1)
         self.runs = self.tangents = self.adjoints = 0
         self.compile_seconds = self.run_seconds = 0.0
-        self._compiled: dict[str, jax.stages.Compiled] = {}
+        self._compiled: dict[str, jax.stages.Compiled] = problem.programs
         self.precision = float(np.finfo(np.float32).eps)
 
     def evaluate(self, z: np.ndarray) -> Evaluation:
@@ -79,7 +80,8 @@ class Model:
 
     def cost_and_gradient(self, z: np.ndarray, weights: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         """0.5 sum w r^2, its gradient (n,) in z by reverse mode, and the residual (T m,); weights (T m,)."""
-        arguments = self._arrays(self.problem.vector(z), self.problem.slopes(z), weights)
+        vector, slopes = self.problem.vector(z), self.problem.slopes(z)
+        arguments = self._arrays(vector, slopes, weights, self.data, self.deviation)
         model, gradient = self._call("reverse", self._with_gradient, *arguments)
         self.adjoints += 1
         residual = self._residual(model)
@@ -104,9 +106,7 @@ class Model:
         models, tangents = jax.vmap(directional)(jnp.diag(slopes))
         return models[0], tangents
 
-    def _with_gradient(self, x, slopes, weights):
-        data, deviation = jnp.asarray(self.data, x.dtype), jnp.asarray(self.deviation, x.dtype)
-
+    def _with_gradient(self, x, slopes, weights, data, deviation):
         def cost(x):
             model = self.problem.model(x, "reverse")
             return 0.5 * jnp.sum(weights * ((model - data) / deviation) ** 2), model

@@ -4,6 +4,8 @@ ones.
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -74,8 +76,62 @@ class Problem:
         self.data: Observations = data
         self.unknown: dict[str, Transform] = dict(unknown)
         self.replace = replace
-        self.simulate = simulate or JaxsphSimulation(scene, replace, self.unknown, data.times, time_step, save_every)
+        self._simulate = simulate
         self._dtypes = {name: _dtype_of(scene, name) for name in self.unknown}
+        self._asked = {"simulate": simulate, "time_step": time_step, "save_every": save_every}
+        self.programs: dict[str, Any] = {}  # what the first fit compiled, for the next ones
+
+    def with_data(self, data: Observations) -> Problem:
+        """The same problem for another measurement at the same times; nothing is compiled anew.
+
+        Raises:
+            ValueError: times or shape that differ.
+
+        """
+        if data.values.shape != self.data.values.shape or not np.array_equal(data.times, self.data.times):
+            raise ValueError(
+                f"with_data: values {data.values.shape} at {len(data)} times do not take the place of "
+                f"{self.data.values.shape}; the times must be the same, make a new Problem otherwise"
+            )
+        other = copy.copy(self)
+        other.data = data
+        return other
+
+    def started_at(self, vector: np.ndarray) -> Problem:
+        """The same problem from other starting values (n,), clipped to the bounds; nothing is compiled anew."""
+        other, offset = copy.copy(self), 0
+        other.unknown = dict(self.unknown)
+        for name, t in self.unknown.items():
+            size = int(np.prod(t.shape))
+            start = np.asarray(np.clip(np.reshape(vector[offset : offset + size], t.shape), t.lower, t.upper))
+            other.unknown[name], offset = dataclasses.replace(t, start=start), offset + size
+        return other
+
+    def narrowed(self, vector: np.ndarray, width: float) -> Problem:
+        """The same problem from other starting values (n,), with bounds that are `width` away from them.
+
+        The width is in the internal coordinate (log: .2 is 22 %; linear: .2 is a twentieth of the range), and never
+        goes beyond the bounds that there are. Narrow bounds spare the default `simulate` time steps, which are those
+        of the stiffest values within them.
+        """
+        if not width > 0:
+            raise ValueError(f"narrowed: width = {width} must be > 0")
+        unknown = {}
+        for name, t in self.started_at(vector).unknown.items():
+            z = t.internal(t.start)
+            lower, upper = np.asarray(t.value(z - width)), np.asarray(t.value(z + width))  # clipped to the old ones
+            unknown[name] = dataclasses.replace(t, lower=lower, upper=upper)
+        return Problem(self.scene, self.observe, self.data, unknown, replace=self.replace, **self._asked)
+
+    @property
+    def simulate(self) -> Callable[[Any, np.ndarray, str], Any]:
+        """The simulator; the default one is made when it is first needed, because with fluids it runs them once."""
+        if self._simulate is None:
+            _, time_step, save_every = self._asked.values()
+            self._simulate = JaxsphSimulation(
+                self.scene, self.replace, self.unknown, self.data.times, time_step, save_every
+            )
+        return self._simulate
 
     @property
     def labels(self) -> list[str]:

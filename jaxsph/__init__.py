@@ -4,7 +4,7 @@ from jaxsph.versions import __version__, check_jax_version
 
 check_jax_version()
 
-from jaxsph import observe, scenes  # noqa: E402
+from jaxsph import accuracy, observe, scenes  # noqa: E402
 from jaxsph.density import EDAC, ContinuityDensity, SummationDensity  # noqa: E402
 from jaxsph.dynamics import stable_substeps, stable_time_step, topologies  # noqa: E402
 from jaxsph.effects import (  # noqa: E402
@@ -122,6 +122,7 @@ __all__ = [
     "WendlandC4",
     "WendlandC6",
     "__version__",
+    "accuracy",
     "ball",
     "box",
     "check_jax_version",

@@ -231,7 +231,8 @@ class Diffrax:
 
         def evaluate(time, y):
             """All fields that follow from those of the solver, and the rates of these."""
-            fields = constrain(scene, references, {**columns, **y}, time)
+            shifted = {name: {k: v for k, v in columns[name].items() if k == "shift"} | y[name] for name in y}
+            fields = constrain(scene, references, {**columns, **shifted}, time)
             lists, placed, changes = {}, None, {}
             if scene.fluids:
                 placed = place_boundaries(scene, references, fields, time)
@@ -244,8 +245,13 @@ class Diffrax:
                 summed = summed_deviations(scene, references, fields, placed, lists, forward_mode=forward_mode)
                 for name, deviation in summed.items():
                     fields[name] = {**fields[name], "density_deviation": deviation}
-            found = accelerations(scene, references, fields, time, lists, placed, forward_mode=forward_mode)
-            fields = {name: {**values, **found.get(name, {})} for name, values in fields.items()}
+                if scene.density.evolved is not None:
+                    keep = keep_volume if scene.density.evolved == "density_deviation" else keep_mean
+                    fields = keep(scene, references, fields)
+            # A step takes the shift from the one before; here it has to be that of this moment: twice, then.
+            for _ in range(2 if any("shift" in values for values in fields.values()) else 1):
+                found = accelerations(scene, references, fields, time, lists, placed, forward_mode=forward_mode)
+                fields = {name: {**values, **found.get(name, {})} for name, values in fields.items()}
             evolved = scene.density.evolved
             if scene.fluids and evolved is not None:
                 rates = _rates_of(evolved)(scene, references, fields, placed, lists, forward_mode=forward_mode)

@@ -3,7 +3,7 @@
 import jax
 import numpy as np
 import pytest
-from fluids import column
+from fluids import column, periodic
 
 import jaxsph as sph
 from jaxsph.files import read_state, read_trajectory
@@ -101,3 +101,18 @@ def test_small_steps_go_to_what_diffrax_finds():
         # viscosity enters with the velocity of the half step, which is of first order but small here
         assert coarse / fine > 2.5
     assert errors[1][0] < 1e-5 * 0.3 and errors[1][1] < 0.1
+
+
+def test_small_steps_go_to_what_diffrax_finds_for_shifted_particles():
+    """First order: a step takes the shift of the one before, the solver that of the moment."""
+    flow = lambda x: np.stack([np.sin(2 * np.pi * x[:, 1]), np.zeros(len(x))], axis=1)  # noqa: E731
+    scene = periodic(effects=[sph.ParticleShifting(1.0), sph.DensityDiffusion(0.1)], velocity=flow)
+    tight = sph.Diffrax(relative_tolerance=1e-8, absolute_tolerance=1e-9)
+    exact = sph.simulate(scene, 0.02, integrator=tight).final.systems["water"]
+    errors = []
+    for step in (5e-4, 2.5e-4):
+        run = sph.simulate(scene, 0.02, time_step=step).final.systems["water"]
+        errors.append([float(np.abs(run[k] - exact[k]).max()) for k in ("position", "velocity", "density_deviation")])
+    for coarse, fine in zip(*errors, strict=True):
+        assert 1.7 < coarse / fine < 2.4
+    assert errors[1][0] < 1e-3 * 0.1, "a thousandth of the spacing"
