@@ -54,7 +54,8 @@ def in_components(f: Callable, single: tuple, constants: Any, keep_rules: bool =
         keep_rules: see `evaluate`.
 
     Returns:
-        The function, and the structure and shapes of what f returns.
+        The function, the structure and shapes of what f returns, and for each component of b whether f reads it. One
+        that it does not read may be None.
     """
     closed, out = jax.make_jaxpr(f, return_shape=True)(*single, constants)
     fixed = [split(leaf) for leaf in jax.tree.leaves(constants)]
@@ -66,7 +67,12 @@ def in_components(f: Callable, single: tuple, constants: Any, keep_rules: bool =
         return [number for one in evaluate(closed, [*arguments, *fixed], keep_rules) for number in one.ravel()]
 
     shapes, structure = jax.tree.flatten(out)
-    return of_components, structure, shapes
+    read = {v for e in closed.jaxpr.eqns for v in e.invars if not isinstance(v, Literal)}
+    read |= {v for v in closed.jaxpr.outvars if not isinstance(v, Literal)}
+    first, last = len(jax.tree.leaves(single[0])), len(jax.tree.leaves(single[:2]))
+    of_b = zip(closed.jaxpr.invars[first:last], leaves[first:last], strict=True)
+    read_of_b = [variable in read for variable, leaf in of_b for _ in range(math.prod(leaf.shape))]
+    return of_components, structure, shapes, read_of_b
 
 
 def components(tree: Any) -> list:

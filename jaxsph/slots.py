@@ -96,7 +96,7 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
         jax.tree.map(lambda leaf, n=n: jax.ShapeDtypeStruct(leaf.shape[: leaf.ndim - n], leaf.dtype), tree)
         for tree, n in zip((particles[0], particles[-1], edge), behind, strict=True)
     )
-    of_components, structure, shapes = in_components(f, single, constants, keep_rules=transposable)
+    of_components, structure, shapes, read_of_b = in_components(f, single, constants, keep_rules=transposable)
     fields_a, fields_b = components(particles[0]), components(particles[-1])
     batched = jax.vmap(of_components)
     n_slots, n = neighbors.indices.shape
@@ -110,7 +110,8 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
 
     def add_slot(totals, slot):
         number, index, edge_of_slot = slot
-        values = batched(fields_a, [gather(leaf, index) for leaf in fields_b], components(edge_of_slot))
+        near = [gather(leaf, index) if read else None for leaf, read in zip(fields_b, read_of_b, strict=True)]
+        values = batched(fields_a, near, components(edge_of_slot))
         filled = number < neighbors.count
         values = [
             jnp.where(filled, value, jnp.zeros((), value.dtype)) if mask else value

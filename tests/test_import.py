@@ -25,6 +25,7 @@ ORDER = [
     "materials",
     "neighbors",
     "linear_call",
+    "components",
     "slots",
     "pair_adjoint",
     "pair_sum",
