@@ -16,7 +16,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.ad_checkpoint import checkpoint_name
-from scipy.spatial import KDTree
 
 from jaxsph import checks
 from jaxsph.geometry.shapes import Particles
@@ -163,6 +162,8 @@ def topology(structure: Structure) -> Topology:
         ValueError: traced positions or smoothing length, coincident particles, or a particle whose neighbors
             do not span the space, so that its correction matrix does not exist.
     """
+    from scipy.spatial import KDTree  # .8 s to import
+
     if not is_concrete(structure.particles, structure.smoothing_length):
         raise ValueError(
             f"the positions or the smoothing length of {structure.name!r} are traced, so its neighbors cannot be "

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from jaxsph.neighbors.cells import CellGrid
 
@@ -12,6 +11,8 @@ ROUNDING = 1e-6  # of the reach: distances in float32 may come out shorter
 
 def most_neighbors(grid: CellGrid, receivers, senders=None) -> int:
     """Most senders within reach of a receiver; both (d, N) [m] within the domain; senders None is the same set."""
+    from scipy.spatial import KDTree  # .8 s to import
+
     domain, low = grid.domain, np.asarray(grid.domain.lower)
     period = np.where(domain.periodic, domain.lengths, 0.0)
 
