@@ -12,7 +12,9 @@ from inverse.model import RunFailed
 from inverse.observations import Observations
 from inverse.problem import Problem
 from inverse.report import Fit
+from inverse.shooting import multiple_shooting
 from inverse.study import Calibration, calibrations
+from inverse.tangent_growth import TangentGrowth, tangent_growth
 from inverse.transforms import linear, log
 from inverse.uncertainty import Uncertainty
 
@@ -24,6 +26,7 @@ __all__ = [
     "Observations",
     "Problem",
     "RunFailed",
+    "TangentGrowth",
     "Uncertainty",
     "calibrations",
     "check",
@@ -31,4 +34,6 @@ __all__ = [
     "fit",
     "linear",
     "log",
+    "multiple_shooting",
+    "tangent_growth",
 ]

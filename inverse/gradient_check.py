@@ -103,7 +103,7 @@ def check(
     steps = tuple(float(step) for step in steps)
     if not all(step > 0 for step in steps):
         raise ValueError(f"steps={steps} must all be > 0")
-    z = _point(problem, at or {})
+    z = point_of(problem, at or {}, 0.02)
     model = Model(problem)
     evaluation = model.evaluate(z)
     weights = np.ones(len(model.data))
@@ -131,7 +131,8 @@ def check(
     return GradientCheck(names, steps, directions @ forward, directions @ gradient, differences, best, model.runs)
 
 
-def _point(problem: Problem, at: dict[str, Any]) -> np.ndarray:
+def point_of(problem: Problem, at: dict[str, Any], room: float) -> np.ndarray:
+    """(n,) internal coordinates of values, the starting ones by default, at least `room` away from the bounds."""
     strange = set(at) - set(problem.unknown)
     if strange:
         raise ValueError(f"at names {', '.join(sorted(strange))}; the unknowns are {', '.join(problem.unknown)}")
@@ -143,7 +144,7 @@ def _point(problem: Problem, at: dict[str, Any]) -> np.ndarray:
         parts.append(transform.internal(value).ravel())
     lower, upper = problem.bounds
     # room for the largest difference step on both sides, so that clipping at a bound does not spoil it
-    return np.clip(np.concatenate(parts), lower + 0.02, upper - 0.02)
+    return np.clip(np.concatenate(parts), lower + room, upper - room)
 
 
 def _relative(value: Any, reference: Any) -> float:

@@ -77,6 +77,7 @@ class Problem:
         self.unknown: dict[str, Transform] = dict(unknown)
         self.replace = replace
         self._simulate = simulate
+        self.empty_rows = 0  # of the data: entries that are zero whatever the unknowns are, and tell nothing
         self._dtypes = {name: _dtype_of(scene, name) for name in self.unknown}
         self._asked = {"simulate": simulate, "time_step": time_step, "save_every": save_every}
         self.programs: dict[str, Any] = {}  # what the first fit compiled, for the next ones
@@ -121,7 +122,9 @@ class Problem:
             z = t.internal(t.start)
             lower, upper = np.asarray(t.value(z - width)), np.asarray(t.value(z + width))  # clipped to the old ones
             unknown[name] = dataclasses.replace(t, lower=lower, upper=upper)
-        return Problem(self.scene, self.observe, self.data, unknown, replace=self.replace, **self._asked)
+        other = Problem(self.scene, self.observe, self.data, unknown, replace=self.replace, **self._asked)
+        other.empty_rows = self.empty_rows
+        return other
 
     @property
     def simulate(self) -> Callable[[Any, np.ndarray, str], Any]:

@@ -64,7 +64,7 @@ def estimate(model: Model, evaluation: Evaluation) -> Uncertainty:
         "lower" if a else "upper" if b else "" for a, b in zip(z <= lower + near, z >= upper - near, strict=True)
     )
     free = np.array([side == "" for side in at_bound])
-    degrees = len(residual) - int(np.sum(free))
+    degrees = len(residual) - problem.empty_rows - int(np.sum(free))
     chi_square = float(residual @ residual)
     variance = chi_square / degrees if degrees > 0 else np.nan
     given = problem.data.standard_deviations is not None
