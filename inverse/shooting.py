@@ -117,6 +117,7 @@ def _joined(first: np.ndarray, later: Any) -> jax.Array:
 def _with_gaps(data: Observations, size: int, gap: float) -> Observations:
     """The data, and beside them the gaps that shall be zero."""
     values = data.values.reshape(len(data), -1)
+    assert data.standard_deviations is not None, "checked before"
     return Observations(
         data.times,
         np.concatenate([values, np.zeros((len(data), size))], axis=1),

@@ -162,8 +162,9 @@ def test_recommend_extrapolates_to_a_tolerance(blind, capsys):
 def test_recommend_for_a_time_confirms_with_a_short_run():
     found = accuracy.recommend(study(), seconds=1000.0, resolutions=(10, 20), show=False)
     assert found.settings["particles"] == pytest.approx((1000 / 1e-4) ** (1 / GROWTH), abs=1)
+    particles: Any = found.settings["particles"]
     # the start of the run, up to the first save, took its share: t_end / save_every times that
-    assert found.seconds == pytest.approx(1e-4 * found.settings["particles"] ** GROWTH, rel=1e-6)
+    assert found.seconds == pytest.approx(1e-4 * particles**GROWTH, rel=1e-6)
     assert "more than 4 times the finest run" in str(found)
 
 

@@ -196,7 +196,9 @@ def test_density_calculators_make_the_passes_that_they_need(calculator, passes, 
     assert set(program.state["water"]) == always | state
 
 
-@pytest.mark.parametrize("law", [sph.MorrisViscosity(), sph.AdamiViscosity(), sph.MonaghanViscosity()], ids=lambda law: type(law).__name__)
+@pytest.mark.parametrize(
+    "law", [sph.MorrisViscosity(), sph.AdamiViscosity(), sph.MonaghanViscosity()], ids=lambda law: type(law).__name__
+)
 def test_viscosity_laws_read_the_velocity_and_nothing_more(law):
     without = programs.step(fluids.periodic(effects=[], viscosity=None))
     program = programs.step(fluids.periodic(effects=[], law=law))
@@ -210,7 +212,11 @@ def block(*listed):
     return sph.Scene(bodies.block(), effects=listed)
 
 
-@pytest.mark.parametrize("listed", [sph.PenaltyForce(0.05), sph.Damping(1.0), sph.BodyForce(swaying)], ids=lambda listed: type(listed).__name__)
+@pytest.mark.parametrize(
+    "listed",
+    [sph.PenaltyForce(0.05), sph.Damping(1.0), sph.BodyForce(swaying)],
+    ids=lambda listed: type(listed).__name__,
+)
 def test_effects_on_structures_add_their_own(listed):
     """Without the penalty force two passes: over displacements and over tractions. It takes a third between them."""
     n = bodies.block().n_particles

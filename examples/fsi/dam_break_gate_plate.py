@@ -14,7 +14,7 @@ import numpy as np
 import jaxsph as sph
 from jaxsph import plot
 
-THICK = {"thickness": 0.04, "youngs_modulus": 3.5e5, "place": 0.56}
+THICK: dict = {"thickness": 0.04, "youngs_modulus": 3.5e5, "place": 0.56}
 
 
 def main(

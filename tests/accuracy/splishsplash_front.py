@@ -117,7 +117,8 @@ def main() -> None:
     parser.add_argument("--particles", type=int, required=True)
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
-    np.savez(options.out, **{name: np.array(value) for name, value in measure(options.particles).items()})
+    found: dict = {name: np.array(value) for name, value in measure(options.particles).items()}
+    np.savez(options.out, **found)
     sys.stdout.flush()
     os._exit(0)  # its own end of the process waits for a window that was never opened
 

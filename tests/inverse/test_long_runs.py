@@ -121,6 +121,7 @@ def test_windows_succeed():
     # 320 samples of 3 columns with 3 % noise
     assert float(fit["rho"]) == pytest.approx(TRUE, abs=3 * fit.standard_errors["rho"])
     assert fit.standard_errors["rho"] < 1e-3 * TRUE
+    assert fit.uncertainty is not None and fit.uncertainty.chi_square_interval is not None
     low, high = fit.uncertainty.chi_square_interval
     assert low < fit.uncertainty.reduced_chi_square < high, "the rows that are always zero must not count"
     gaps = fit.simulated[:, 3:]

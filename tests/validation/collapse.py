@@ -72,7 +72,7 @@ class Rays:
         phi = np.zeros(len(nodes))
         phi[outer] = potential
         rows = stiffness[inner]
-        phi[inner] = spsolve(rows[:, inner].tocsc(), -rows @ phi)
+        phi[inner] = np.asarray(spsolve(rows[:, inner].tocsc(), -rows @ phi))
         through = (stiffness @ phi)[outer]
         length = np.linalg.norm(np.diff(surface, axis=0), axis=1)
         n = len(surface)
