@@ -83,6 +83,11 @@ def test_a_bare_scene_gathers_what_its_equations_read():
     assert fields_of(program, "tank") == {}
 
 
+def kind(effect):
+    """Name of a case: nothing in it may differ from process to process."""
+    return type(effect).__name__
+
+
 @pytest.mark.parametrize("name", CALLED_FOR)
 def test_an_effect_adds_its_own_arithmetic_gathers_and_state_and_no_pass(name):
     make, gathered, state = CALLED_FOR[name]

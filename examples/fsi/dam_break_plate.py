@@ -8,6 +8,7 @@ The tip is compared with published codes (`examples/data/dambreak_elastic_plate_
 import argparse
 import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -38,7 +39,8 @@ def main(particles=20, across=5, t_end=0.7, out=None, animation=None, picture="d
     print(f"the tip begins to move (5 mm) at {times[np.argmax(tip > 0.005)]:.3f} s")
     print(f"and gets furthest, {tip.max() * 1e3:.1f} mm, at {times[tip.argmax()]:.3f} s")
     figure = plt.figure(figsize=(10, 5.4), layout="constrained")
-    above, below = np.ravel(figure.subfigures(2, 1, height_ratios=[1, 1.1]))
+    parts: Any = figure.subfigures(2, 1, height_ratios=[1, 1.1])
+    above, below = parts
     panels = above.subplots(1, 4, sharey=True)
     plot.moments(run, t_end * np.array([0.2, 0.35, 0.6, 1.0]), axes=panels)
     axes = below.subplots()

@@ -8,6 +8,7 @@ The free end is compared with what Antoci, Gallati and Sibilla (2007) measured: 
 import argparse
 import csv
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,7 +42,8 @@ def main(
         difference = np.interp(when[seen], times, end[:, 0]) - where[seen]
         print(f"rms of ux - measured: {np.sqrt(np.mean(difference**2)) / where.max():.1%} of the largest ux")
     figure = plt.figure(figsize=(10, 5.4), layout="constrained")
-    above, below = np.ravel(figure.subfigures(2, 1, height_ratios=[1, 1.1]))
+    parts: Any = figure.subfigures(2, 1, height_ratios=[1, 1.1])
+    above, below = parts
     plot.moments(run, t_end * np.array([0.1, 0.3, 0.6, 1.0]), axes=above.subplots(1, 4, sharey=True))
     axes = below.subplots()
     for k, component in enumerate(("ux", "uy")):

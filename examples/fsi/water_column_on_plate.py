@@ -7,6 +7,7 @@ It begins to carry the water at t = 0 and swings about its static deflection, wh
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,8 @@ def main(across=5, t_end=0.3, out=None, animation=None, picture="docs/images/fsi
     late = times > 0.5 * t_end
     print(f"mean deflection {middle[late].mean() * 1e3:.4f} mm, static {STATIC * 1e3:.4f} mm")
     figure = plt.figure(figsize=(10, 5), layout="constrained")
-    left, right = np.ravel(figure.subfigures(1, 2, width_ratios=[1, 1.6]))
+    parts: Any = figure.subfigures(1, 2, width_ratios=[1, 1.6])
+    left, right = parts
     plot.moments(run, [t_end], axes=[left.subplots()])
     axes = right.subplots()
     axes.axhline(1e3 * STATIC, color="0.5", label="finite elements, static")
