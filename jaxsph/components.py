@@ -132,10 +132,10 @@ def _apply(whole, equation, values: list[np.ndarray], keep_rules: bool) -> list[
         return [np.concatenate(values, params["dimension"])]
     if name == "slice":
         steps = params["strides"] or (1,) * values[0].ndim
-        where: Any = zip(params["start_indices"], params["limit_indices"], steps, strict=True)
+        where = zip(params["start_indices"], params["limit_indices"], steps, strict=True)
         return [values[0][tuple(slice(first, last, step) for first, last, step in where)]]
     if name == "dot_general":
-        return [_contracted(*values, params["dimension_numbers"]).reshape(shape)]
+        return [_contracted(values[0], values[1], params["dimension_numbers"]).reshape(shape)]
     return _as_it_stands(whole, equation, values)
 
 
