@@ -22,8 +22,8 @@ class JaxsphSimulation:
     The time step is the smallest stable one over the corners of the bounds, so that it never depends on a
     traced value: a fit does not change its own discretization while it moves.
 
-    With fluids the starting values are run once with plain numbers. From that run come the room that neighbor
-    lists get, because a lattice crowds when it breaks up, and the top speed, which says how often they are
+    With fluids or contact the starting values are run once with plain numbers. From that run come the room that
+    neighbor lists get, because a lattice crowds when it breaks up, and the top speed, which says how often they are
     built. Neither changes a result: a run that needs more raises.
     """
 
@@ -49,7 +49,7 @@ class JaxsphSimulation:
         self.time_step = time_step
         self.save_every = common_interval(times) if save_every is None else save_every
         self._options: dict[str, Any] = {}
-        if getattr(scene, "fluids", ()):
+        if getattr(scene, "meets", False):
             rehearsal = self._run(replace(scene, {name: t.start[()] for name, t in unknown.items()}), times)
             fastest = [max_speed(rehearsal), *(max_speed_expected(replace(scene, c)) for c in corners(unknown))]
             self._options = {"topologies_of_scene": topologies_of_run(rehearsal), "max_speed": max(fastest)}
@@ -105,9 +105,9 @@ def _sizes(topology: Any) -> list[int]:
 
 
 def max_speed(run: Any) -> float:
-    """Largest speed [m/s] of fluids and walls in the saved states, and a tenth more for what was between them."""
+    """Largest speed [m/s] of fluids, solids and walls in the saved states, and a tenth more for those between them."""
     squared = []
-    for system in [*run.scene.fluids, *run.scene.walls]:
+    for system in [*run.scene.fluids, *run.scene.solids, *run.scene.walls]:
         fields = run[system.name]
         if "velocity" in fields:
             # shifted particles move with that on top of their velocity
@@ -118,7 +118,7 @@ def max_speed(run: Any) -> float:
 
 def max_speed_expected(scene: Any) -> float:
     """A tenth of the sound speed [m/s], up to which a fluid counts as weakly compressible, and a tenth more."""
-    return SPEED_MARGIN * max(0.1 * float(fluid.sound_speed) for fluid in scene.fluids)
+    return SPEED_MARGIN * max((0.1 * float(fluid.sound_speed) for fluid in scene.fluids), default=0.0)
 
 
 def corners(unknown: Mapping[str, Transform]) -> Iterator[dict[str, Any]]:

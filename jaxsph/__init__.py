@@ -10,6 +10,7 @@ from jaxsph.dynamics import stable_substeps, stable_time_step, topologies  # noq
 from jaxsph.effects import (  # noqa: E402
     ArtificialViscosity,
     BodyForce,
+    Contact,
     Damping,
     DeltaDiffusion,
     DensityDiffusion,
@@ -52,6 +53,7 @@ from jaxsph.materials import (  # noqa: E402
 from jaxsph.neighbors import Domain  # noqa: E402
 from jaxsph.packing import Packed, relax  # noqa: E402
 from jaxsph.pair_sum import Edges, PairList, pair_edges, pair_sum  # noqa: E402
+from jaxsph.rigid_body import RigidBody  # noqa: E402
 from jaxsph.scene import Scene  # noqa: E402
 from jaxsph.simulate import simulate  # noqa: E402
 from jaxsph.state import State, initial_state  # noqa: E402
@@ -75,6 +77,7 @@ __all__ = [
     "BernoulliExtrapolation",
     "BodyForce",
     "Cole",
+    "Contact",
     "ContinuityDensity",
     "CubicSpline",
     "Damping",
@@ -103,6 +106,7 @@ __all__ = [
     "PressureZeroing",
     "QuarticSpline",
     "QuinticSpline",
+    "RigidBody",
     "Scene",
     "ShepardFilter",
     "SimulationError",

@@ -11,9 +11,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph import surroundings
-from jaxsph.effects import BodyForce, Damping, PenaltyForce
+from jaxsph.contact import TOUCHING, bodies, contact_forces, contact_time_step, touching
+from jaxsph.effects import BodyForce, Contact, Damping, PenaltyForce
 from jaxsph.flow import FluidReference, WallReference, forces
 from jaxsph.pytree import is_concrete, pytree_dataclass, replace
+from jaxsph.rigid_body import RigidBody, RigidReference, rigid_acceleration, rigid_reference
 from jaxsph.structure import Reference, Structure, elastic_acceleration, reference, topology
 from jaxsph.thin_wall import thin_wall
 
@@ -54,7 +56,7 @@ def in_cell_order(scene, positions) -> np.ndarray:
 def topologies(scene, state=None, *, skin=None, capacity_multiplier=surroundings.CAPACITY_MULTIPLIER) -> dict[str, Any]:
     """What of the neighborhoods is fixed before any number is traced. Outside jit: it needs concrete positions.
 
-    By structure the neighbors in its reference configuration, by fluid and wall the order of its particles, and by
+    By structure the neighbors in its reference configuration, by other system the order of its particles, and by
     pair of systems that meet ("water-tank") a neighbor list, whose sizes are those that a run gets.
 
     Args:
@@ -67,28 +69,33 @@ def topologies(scene, state=None, *, skin=None, capacity_multiplier=surroundings
     """
     found: dict[str, Any] = {structure.name: topology(structure) for structure in scene.structures}
     positions: dict[str, Any] = {}
-    for system in [*scene.fluids, *scene.boundaries]:
+    meeting = [*scene.fluids, *scene.boundaries] if scene.meets else scene.rigid_bodies
+    for system in meeting:
         here, fields = system.particles.positions, {} if state is None else state.systems[system.name]
         if "position" in fields:
             here = fields["position"]
         elif "displacement" in fields:
             here = here + fields["displacement"]
-        if not is_concrete(here, scene.smoothing_length):
+        if not is_concrete(here, scene.smoothing_length if scene.fluids else None):
             raise ValueError(
                 f"the positions of {system.name!r} or the smoothing length are traced, so neighbors cannot be found "
                 "here; compute jaxsph.topologies(scene) outside of jit/grad and pass it as topologies_of_scene="
             )
         thin = None
-        if getattr(system, "thickness", None) is not None:
+        if scene.fluids and getattr(system, "thickness", None) is not None:
             thin = thin_wall(scene.kernel, scene.dimension, system.thickness, float(scene.smoothing_length))
         if isinstance(system, Structure):
             order = found[system.name].order  # that of its reference configuration
             found[system.name] = replace(found[system.name], thin=thin)
         else:
-            order = in_cell_order(scene, here)
+            place = system.particles.positions if isinstance(system, RigidBody) else here
+            order = in_cell_order(scene, place) if scene.fluids else np.arange(system.n_particles)
             found[system.name] = Order.of(order, thin)
         positions[system.name] = np.asarray(here)[order].T
-    if scene.fluids:
+    if scene.effect(Contact) is not None:
+        found[TOUCHING] = touching(scene, found)
+        positions[TOUCHING] = np.concatenate([positions[body.name] for body in bodies(scene)], axis=1)
+    if scene.meets:
         # Known positions stay known inside jit too.
         with jax.ensure_compile_time_eval():
             positions = {name: jnp.asarray(place) for name, place in positions.items()}
@@ -112,71 +119,105 @@ def prepare(scene, topologies: dict[str, Any]) -> dict[str, Any]:
         ready[wall.name] = WallReference(
             jnp.asarray(wall.particles.positions)[order].T, volume, topologies[wall.name].thin
         )
+    for body in scene.rigid_bodies:
+        ready[body.name] = rigid_reference(body, topologies[body.name].order, topologies[body.name].thin)
+    if TOUCHING in topologies:
+        ready[TOUCHING] = topologies[TOUCHING]
     return ready
 
 
 def place_boundaries(scene, references, columns, time) -> dict:
-    """Positions, velocities and accelerations (d, N) of walls at a time [s], and of structures as they are.
+    """Positions, velocities and accelerations (d, N) of walls at a time [s], and of solids as they are.
 
-    The acceleration of a structure counts as zero. Extrapolating the pressure with the one that it has would add mass
+    The acceleration of a solid counts as zero. Extrapolating the pressure with the one that it has would add mass
     to it, with a delay that makes light structures unstable.
     """
     placed = {wall.name: wall.placed(references[wall.name].positions, time) for wall in scene.walls}
-    for structure in scene.structures:
-        fields, positions = columns[structure.name], references[structure.name].positions
+    for solid in scene.solids:
+        fields, positions = columns[solid.name], references[solid.name].positions
         velocity = fields.get("mean_velocity", fields["velocity"])
-        placed[structure.name] = (positions + fields["displacement"], velocity, jnp.zeros_like(positions))
+        placed[solid.name] = (positions + fields["displacement"], velocity, jnp.zeros_like(positions))
     return placed
 
 
 def positions_of(scene, columns, placed) -> dict:
     """Positions (d, N) [m] of all systems whose neighbor lists are built anew; placed by `place_boundaries`."""
     positions = {fluid.name: columns[fluid.name]["position"] for fluid in scene.fluids}
-    return positions | {name: place[0] for name, place in placed.items()}
+    positions |= {name: place[0] for name, place in placed.items()}
+    if scene.effect(Contact) is not None:
+        positions[TOUCHING] = jnp.concatenate([positions[body.name] for body in bodies(scene)], axis=1)
+    return positions
 
 
 def accelerations(
     scene, references, columns: dict, time, lists=None, placed=None, *, forward_mode: bool = False
 ) -> dict:
-    """By structure and fluid what a step needs: `acceleration` (d, N) [m/s^2], and what effects remember.
+    """By solid and fluid what a step needs: `acceleration` (d, N) [m/s^2], and what effects remember.
 
-    Of structures that meet fluids also `surface_acceleration`, the part of it that fluids cause. Zero for clamped
-    particles.
+    Of solids that meet something also `surface_acceleration`, the force per mass by fluids and contact. Zero for
+    clamped particles.
 
     Args:
         scene: what is in the world.
         references: from `prepare`.
         columns: by system its fields (..., N).
         time: [s].
-        lists: neighbor lists of the fluids.
+        lists: neighbor lists of the systems that meet.
         placed: from `place_boundaries`.
         forward_mode: see `pair_sum`.
     """
-    out = {}
-    if scene.fluids:
-        out |= forces(scene, references, columns, placed, lists, time, forward_mode=forward_mode)
+    out = meeting_forces(scene, references, columns, placed, lists, time, forward_mode=forward_mode)
     for structure in scene.structures:
         ready, fields = references[structure.name], columns[structure.name]
         own = structure_acceleration(scene, structure, ready, fields, time, forward_mode=forward_mode)
-        from_fluids = out.get(structure.name, {})
-        out[structure.name] = {**from_fluids, "acceleration": own + from_fluids.get("surface_acceleration", 0.0)}
+        met = out.get(structure.name, {})
+        out[structure.name] = {**met, "acceleration": own + met.get("surface_acceleration", 0.0)}
+    for body in scene.rigid_bodies:
+        met = out.get(body.name, {})
+        own = body_acceleration(scene, references[body.name], columns[body.name], time, met)
+        out[body.name] = {**met, "acceleration": own}
     return out
 
 
-def structure_acceleration(scene, structure, ready: Reference, fields, time, *, forward_mode: bool = False):
-    """Acceleration (d, N) [m/s^2] of a structure by its stresses and what acts from outside, without fluids."""
-    damping, penalty = scene.effect(Damping), scene.effect(PenaltyForce)
-    displacement = fields["displacement"]
-    if "remainder" in fields:
-        displacement = (displacement, fields["remainder"])
-    total = elastic_acceleration(structure, ready, displacement, penalty, forward_mode=forward_mode)
+def meeting_forces(scene, references, columns, placed, lists, time, *, forward_mode: bool = False) -> dict:
+    """What systems do to each other: `flow.forces`, and contact in the `surface_acceleration` of solids."""
+    out = {}
+    if scene.fluids:
+        out |= forces(scene, references, columns, placed, lists, time, forward_mode=forward_mode)
+    if scene.effect(Contact) is not None:
+        for name, force in contact_forces(scene, references, placed, lists, forward_mode=forward_mode).items():
+            ready = references[name]
+            before = out.get(name, {}).get("surface_acceleration", 0.0)
+            out[name] = {"surface_acceleration": before + ready.moving * force / ready.mass}
+    return out
+
+
+def body_acceleration(scene, ready: RigidReference, fields, time, met: dict):
+    """Acceleration (d, N) [m/s^2] of the particles of a rigid body by gravity, effects, and what it meets."""
+    total = met.get("surface_acceleration", jnp.zeros_like(fields["velocity"]))
+    total = _and_from_outside(scene, ready, fields, time, total)
+    return rigid_acceleration(ready, fields, total)
+
+
+def _and_from_outside(scene, ready, fields, time, total):
+    damping = scene.effect(Damping)
     total = total + jnp.asarray(scene.gravity)[:, None]
     if damping is not None:
         total = total + damping.acceleration(fields["velocity"])
     for effect in scene.effects:
         if isinstance(effect, BodyForce):
             total = total + effect.acceleration(ready.positions + fields["displacement"], time)
-    return ready.moving * total
+    return total
+
+
+def structure_acceleration(scene, structure, ready: Reference, fields, time, *, forward_mode: bool = False):
+    """Acceleration (d, N) [m/s^2] of a structure by its stresses and what acts from outside, without fluids."""
+    penalty = scene.effect(PenaltyForce)
+    displacement = fields["displacement"]
+    if "remainder" in fields:
+        displacement = (displacement, fields["remainder"])
+    total = elastic_acceleration(structure, ready, displacement, penalty, forward_mode=forward_mode)
+    return ready.moving * _and_from_outside(scene, ready, fields, time, total)
 
 
 def constrain(scene, references: dict[str, Any], columns: dict, time) -> dict:
@@ -228,12 +269,16 @@ def largest_stable_time_step(scene, references: dict[str, Any], substeps: tuple 
         steps = 1 if not scene.fluids else dict(substeps or ()).get(structure.name)
         if steps is not None:
             limit = jnp.minimum(limit, steps * structure_time_step(scene, structure, references[structure.name]))
+    touching = contact_time_step(scene, references)
+    if not scene.fluids:
+        # Both act on the same particles in one step: the squares of the frequencies add up.
+        return limit if scene.effect(Contact) is None else 1 / jnp.sqrt(1 / limit**2 + 1 / touching**2)
     for fluid in scene.fluids:
         limit = jnp.minimum(limit, fluid_time_step(scene, fluid))
-        for structure in scene.structures:
-            if structure.thickness is not None:
-                limit = jnp.minimum(limit, plate_time_step(scene, fluid, structure))
-    return limit
+        for solid in scene.solids:
+            if solid.thickness is not None:
+                limit = jnp.minimum(limit, plate_time_step(scene, fluid, solid))
+    return jnp.minimum(limit, touching)
 
 
 def plate_time_step(scene, fluid, structure):
@@ -288,13 +333,21 @@ def fluid_time_step(scene, fluid):
 
 
 def largest_stable(scene, found: dict[str, Any], substeps: tuple | None = None) -> float:
-    """`largest_stable_time_step` as a plain number [s]. Outside of transformations.
+    """`largest_stable_time_step` as a plain number [s], infinite for rigid bodies alone. Outside of transformations.
 
     Raises ValueError if no particle can move.
     """
-    if not scene.fluids and all(np.all(structure.clamped) for structure in scene.structures):
+    free = bool(scene.fluids or scene.rigid_bodies)
+    if not free and all(np.all(structure.clamped) for structure in scene.structures):
         raise ValueError("no particle of the scene can move: all are clamped")
     return float(_limit(scene, found, substeps))
+
+
+def safe(limit: float) -> float:
+    """`SAFETY` of the largest stable step [s]. Raises ValueError if there is none."""
+    if not math.isfinite(limit):
+        raise ValueError("nothing in the scene limits the time step, rigid bodies alone do not; pass time_step=")
+    return SAFETY * limit
 
 
 def stable_time_step(scene, found: dict[str, Any] | None = None) -> float:
@@ -302,9 +355,9 @@ def stable_time_step(scene, found: dict[str, Any] | None = None) -> float:
 
     With fluids that is theirs; `stable_substeps` says into how many steps structures divide it.
 
-    Raises ValueError if no particle can move.
+    Raises ValueError if no particle can move, or nothing limits the step.
     """
-    return SAFETY * largest_stable(scene, topologies(scene) if found is None else found)
+    return safe(largest_stable(scene, topologies(scene) if found is None else found))
 
 
 def stable_substeps(scene, time_step: float, found: dict[str, Any] | None = None) -> dict[str, int]:

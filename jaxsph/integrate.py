@@ -12,14 +12,17 @@ import numpy as np
 from jaxsph import checks
 from jaxsph.dynamics import (
     accelerations,
+    body_acceleration,
     constrain,
     held,
+    meeting_forces,
     place_boundaries,
     positions_of,
     structure_acceleration,
 )
-from jaxsph.flow import density_rates, forces, keep_mean, keep_volume, pressure_rates, summed_deviations
+from jaxsph.flow import density_rates, keep_mean, keep_volume, pressure_rates, summed_deviations
 from jaxsph.pytree import pytree_dataclass, static
+from jaxsph.rigid_body import rigid_drift, rigid_kick
 from jaxsph.surroundings import rebuild
 from jaxsph.walls import WallSummation
 
@@ -35,8 +38,8 @@ class KickDriftKick:
 
     Structures beside fluids take `substeps` small steps in one of the fluids, each a kick-drift-kick by their stresses,
     between two half kicks by the fluids: M. Tuckerman, B. J. Berne, G. J. Martyna (1992), J. Chem. Phys. 97, 1990, eq.
-    (2.20). Both sides get the same impulse, so momentum is exchanged to round-off. Fluids see a structure with its mean
-    velocity over the step: its vibrations, which they can't follow, do not shake them.
+    (2.20). Rigid bodies take one. Both sides get the same impulse, so momentum is exchanged to round-off. Fluids see a
+    structure with its mean velocity over the step: its vibrations, which they can't follow, do not shake them.
 
     Attributes:
         substeps: of structures beside fluids, {"plate": 12} or one number for all; None takes `stable_substeps`.
@@ -74,11 +77,20 @@ class KickDriftKick:
                 scene, structure, references[structure.name], columns[structure.name], time, time_step,
                 counts.get(structure.name, 1), forward_mode,
             )  # fmt: skip
-        if not scene.fluids:
-            return moved
-        moved = _flow(scene, references, columns, moved, lists, time, time_step, forward_mode)
-        placed = place_boundaries(scene, references, moved, time + time_step)
-        found = forces(scene, references, moved, placed, lists, time + time_step, forward_mode=forward_mode)
+        for body in scene.rigid_bodies:
+            moved[body.name] = _rigid_drifted(references[body.name], columns[body.name], time_step)
+        placed, now = None, time + time_step
+        if scene.fluids:
+            moved = _flow(scene, references, columns, moved, lists, time, time_step, forward_mode)
+        elif scene.meets:
+            moved = _walls_moved(scene, columns, moved, place_boundaries(scene, references, moved, now))
+        if scene.meets:
+            placed = place_boundaries(scene, references, moved, now)
+        found = meeting_forces(scene, references, moved, placed, lists, now, forward_mode=forward_mode)
+        for body in scene.rigid_bodies:
+            ready, fields, met = references[body.name], moved[body.name], found.pop(body.name, {})
+            pulled = {**fields, **met, "acceleration": body_acceleration(scene, ready, fields, now, met)}
+            moved[body.name] = {**pulled, "velocity": rigid_kick(ready, pulled, half)}
         for name, changed in found.items():
             fields = moved[name]
             if "surface_acceleration" in changed:
@@ -91,6 +103,24 @@ class KickDriftKick:
                     **fields, **changed, "velocity": fields["velocity"] + half * changed["acceleration"]
                 }  # fmt: skip
         return moved
+
+
+def _rigid_drifted(ready, fields, time_step):
+    """A rigid body half kicked, and moved to the end of the step."""
+    fields = {**fields, "velocity": rigid_kick(ready, fields, 0.5 * time_step)}
+    increment, velocity = rigid_drift(ready, fields, time_step)
+    return {**fields, **_drift(fields, increment), "velocity": velocity}
+
+
+def _walls_moved(scene, columns, moved, placed):
+    """With walls where their motion has them."""
+    moved = dict(moved)
+    for wall in scene.walls:
+        moved[wall.name] = dict(columns[wall.name])
+        if wall.motion is not None:
+            position, velocity, _ = placed[wall.name]
+            moved[wall.name] |= {"position": position, "velocity": velocity}
+    return moved
 
 
 def _structure_step(scene, structure, ready, fields, time, time_step, n_steps, forward_mode):
@@ -131,7 +161,7 @@ def _structure_step(scene, structure, ready, fields, time, time_step, n_steps, f
 def _flow(scene, references, columns, moved, lists, time, time_step, forward_mode):
     """Fluids half kicked and drifted, their densities, and boundaries where they are at the end of the step.
 
-    moved: with the structures at the end of the step.
+    moved: with the solids at the end of the step.
     """
     half = 0.5 * time_step
     moved = dict(moved)
@@ -145,10 +175,10 @@ def _flow(scene, references, columns, moved, lists, time, time_step, forward_mod
     evolved = scene.density.evolved
     if evolved is not None:
         halfway = dict(moved)
-        for structure in scene.structures:
-            now, before = moved[structure.name], columns[structure.name]
+        for solid in scene.solids:
+            now, before = moved[solid.name], columns[solid.name]
             middle = 0.5 * (now["displacement"] + before["displacement"])
-            halfway[structure.name] = {**now, "displacement": middle}
+            halfway[solid.name] = {**now, "displacement": middle}
         middle = place_boundaries(scene, references, halfway, time + half)
         rates = _rates_of(evolved)(scene, references, halfway, middle, lists, forward_mode=forward_mode)
         for name, rate in rates.items():
@@ -159,10 +189,7 @@ def _flow(scene, references, columns, moved, lists, time, time_step, forward_mod
         fields = moved[fluid.name]
         moved[fluid.name] = {**fields, "position": fields["position"] + half * _path(fields)}
     placed = place_boundaries(scene, references, moved, time + time_step)
-    for wall in scene.walls:
-        if wall.motion is not None:
-            position, velocity, _ = placed[wall.name]
-            moved[wall.name] |= {"position": position, "velocity": velocity}
+    moved = _walls_moved(scene, moved, moved, placed)
     for name, deviation in summed_deviations(
         scene, references, moved, placed, lists, forward_mode=forward_mode
     ).items():
@@ -234,7 +261,7 @@ class Diffrax:
             shifted = {name: {k: v for k, v in columns[name].items() if k == "shift"} | y[name] for name in y}
             fields = constrain(scene, references, {**columns, **shifted}, time)
             lists, placed, changes = {}, None, {}
-            if scene.fluids:
+            if scene.meets:
                 placed = place_boundaries(scene, references, fields, time)
                 fields = {**fields, **{wall.name: dict(fields[wall.name]) for wall in scene.walls}}
                 for wall in scene.walls:

@@ -11,6 +11,7 @@ from jaxsph import checks, pytree
 from jaxsph.density import ContinuityDensity, DensityCalculator
 from jaxsph.effects import (
     BodyForce,
+    Contact,
     Damping,
     FlowEffect,
     KernelGradientCorrection,
@@ -23,6 +24,7 @@ from jaxsph.fluid import Fluid
 from jaxsph.kernels import Kernel, WendlandC2
 from jaxsph.neighbors import Domain
 from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, static
+from jaxsph.rigid_body import RigidBody
 from jaxsph.structure import Structure
 from jaxsph.walls import Wall, WallContinuity, WallSummation
 
@@ -37,14 +39,15 @@ class Scene:
     """Systems of particles, gravity, and the effects that the scene calls for.
 
     Attributes:
-        systems: fluids, walls and structures, each with its own name.
+        systems: fluids, walls, structures and rigid bodies, each with its own name.
         gravity: (d,) [m/s^2]; None is none.
         effects: such as `ArtificialViscosity(0.02)` or `PenaltyForce(0.05)`, at most one of a kind (of `BodyForce`
             any number). What is not listed is not compiled.
         kernel: smoothing kernel of the fluids; structures have their own.
         smoothing_length: h of the fluids [m]; None takes 1.5 spacings.
         density: how fluids get their density.
-        domain: in which the fluids move, with its periodic directions; None is free, and ends far from the particles.
+        domain: in which systems that meet move, with its periodic directions; None is free, and ends far from the
+            particles.
 
     Raises:
         ValueError: two systems of one name, different dimensions or precisions, two effects of one kind, an effect
@@ -79,8 +82,7 @@ class Scene:
         if smoothing_length is not None:
             checks.check_positive("smoothing_length", smoothing_length, "m")
             smoothing_length = as_real(smoothing_length, real)
-        if not flows and domain is None and any(isinstance(system, Wall) for system in systems):
-            raise ValueError("a scene with walls needs a fluid; a structure is held by `clamped`")
+        _check_meetings(systems, effects, flows)
         density = ContinuityDensity() if density is None else density
         _check_density(density, systems, effects)
         set_field = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
@@ -98,6 +100,16 @@ class Scene:
         return [system for system in self.systems if isinstance(system, Structure)]
 
     @property
+    def rigid_bodies(self) -> list[RigidBody]:
+        """The rigid bodies."""
+        return [system for system in self.systems if isinstance(system, RigidBody)]
+
+    @property
+    def solids(self) -> list[Structure | RigidBody]:
+        """Structures and rigid bodies: what forces move, and fluids meet as they meet a wall."""
+        return [*self.structures, *self.rigid_bodies]
+
+    @property
     def fluids(self) -> list[Fluid]:
         """The fluids."""
         return [system for system in self.systems if isinstance(system, Fluid)]
@@ -108,9 +120,14 @@ class Scene:
         return [system for system in self.systems if isinstance(system, Wall)]
 
     @property
-    def boundaries(self) -> list[Wall | Structure]:
-        """What fluids meet beside each other: walls and structures; walls alone if there is no fluid."""
-        return [*self.walls, *(self.structures if self.fluids else ())]
+    def boundaries(self) -> list[Wall | Structure | RigidBody]:
+        """What fluids meet beside each other, and solids with `Contact`; walls alone if nothing meets."""
+        return [*self.walls, *(self.solids if self.meets else ())]
+
+    @property
+    def meets(self) -> bool:
+        """Whether neighbors change during a run: those of fluids, and of solids with `Contact`."""
+        return bool(self.fluids) or self.effect(Contact) is not None
 
     @property
     def flow_effects(self) -> list:
@@ -207,8 +224,10 @@ class Scene:
 
 def _check_systems(systems):
     for system in systems:
-        if not isinstance(system, (Structure, Fluid, Wall)):
-            raise ValueError(f"a scene is made of fluids, walls and structures, not of {type(system).__name__}")
+        if not isinstance(system, (Structure, RigidBody, Fluid, Wall)):
+            raise ValueError(
+                f"a scene is made of fluids, walls, structures and rigid bodies, not of {type(system).__name__}"
+            )
     if not systems:
         raise ValueError("a scene needs at least one system of particles")
     names = [system.name for system in systems]
@@ -224,12 +243,14 @@ def _check_systems(systems):
 
 def _check_effects(effects, systems):
     for effect in effects:
-        if not isinstance(effect, (PenaltyForce, Damping, FlowEffect, ShepardFilter, Shifting)):
+        if not isinstance(effect, (PenaltyForce, Damping, Contact, FlowEffect, ShepardFilter, Shifting)):
             raise ValueError(f"{effect!r} is not an effect; see jaxsph.effects for those that are")
-        wanted = Structure if isinstance(effect, (PenaltyForce, Damping)) else Fluid
+        wanted: Any = Structure if isinstance(effect, PenaltyForce) else Fluid
+        if isinstance(effect, (Contact, Damping)):
+            wanted = (Structure, RigidBody)
         if not any(isinstance(system, wanted) for system in systems) and not isinstance(effect, BodyForce):
             raise ValueError(
-                f"{type(effect).__name__} acts on a {wanted.__name__}, and the scene has none; leave it out"
+                f"{type(effect).__name__} acts on a {_names(wanted)}, and the scene has none; leave it out"
             )
     moving = [type(effect).__name__ for effect in effects if isinstance(effect, Shifting)]
     if len(set(moving)) > 1:
@@ -245,6 +266,28 @@ def _check_effects(effects, systems):
     kinds = [type(effect) for effect in effects if not isinstance(effect, BodyForce)]
     if len(set(kinds)) != len(kinds):
         raise ValueError(f"an effect can be listed once: {[kind.__name__ for kind in kinds]}")
+
+
+def _names(kinds) -> str:
+    return " or ".join(kind.__name__ for kind in (kinds if isinstance(kinds, tuple) else (kinds,)))
+
+
+def _check_meetings(systems, effects, flows):
+    """Walls without fluids are there for solids to touch."""
+    contact = next((effect for effect in effects if isinstance(effect, Contact)), None)
+    walls = [system for system in systems if isinstance(system, Wall)]
+    if contact is None:
+        if walls and not flows:
+            raise ValueError("a scene with walls needs a fluid, or a solid and Contact(); `clamped` holds a structure")
+        return
+    if len(systems) - len(flows) < 2:
+        raise ValueError("Contact acts between two solids or a solid and a wall, and the scene has one; leave it out")
+    if contact.modulus is None and not flows and not any(isinstance(system, Structure) for system in systems):
+        raise ValueError("Contact of rigid bodies without a fluid needs its modulus [Pa], such as Contact(modulus=1e6)")
+    for system in systems:
+        model = getattr(system, "pressure", None)
+        if not flows and isinstance(model, (WallContinuity, WallSummation)):
+            raise ValueError(f"{type(model).__name__} of {system.name!r} needs a fluid, and the scene has none")
 
 
 def _check_density(density, systems, effects):
@@ -270,6 +313,8 @@ def _described(s) -> str:
             f"{int(np.sum(s.clamped))} clamped, {type(s.law).__name__}, E {_short(s.youngs_modulus)} Pa, Poisson ratio "
             f"{_short(s.poisson_ratio)}, density {_short(s.density)} kg/m^3"
         )
+    if isinstance(s, RigidBody):
+        return line + f"rigid, density {_short(s.density)} kg/m^3"
     if isinstance(s, Fluid):
         viscosity = "inviscid" if s.viscosity is None else f"viscosity {_short(s.viscosity)} Pa s"
         return line + (

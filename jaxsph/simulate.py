@@ -24,6 +24,7 @@ from jaxsph.dynamics import (
     place_boundaries,
     positions_of,
     prepare,
+    safe,
     stable_substeps,
     topologies,
 )
@@ -44,6 +45,7 @@ from jaxsph.health import (
 from jaxsph.integrate import Diffrax, KickDriftKick
 from jaxsph.neighbors import safe_steps
 from jaxsph.pytree import is_concrete, replace
+from jaxsph.rigid_body import RigidBody
 from jaxsph.state import State, check_state, initial_state, to_columns, to_rows
 from jaxsph.trajectory import Trajectory
 
@@ -119,7 +121,7 @@ def simulate(
                 "time_step is needed when numbers of the scene are traced: the number of steps is compiled in. Pass "
                 "jaxsph.stable_time_step(scene) of the stiffest and lightest scene that can occur"
             )
-        time_step = SAFETY * limit
+        time_step = safe(limit)
     checks.check_time("time_step", time_step)
     if limit is not None and float(time_step) > limit * (1 + 1e-6):
         raise UnstableTimeStep(
@@ -128,7 +130,7 @@ def simulate(
         )
     n_steps = max(1, math.ceil(save_every / float(time_step) * (1 - 1e-9)))
     rebuild_every = 1
-    if scene.fluids:
+    if scene.meets:
         wanted = _steps_between_builds(scene, found, state, save_every / n_steps, max_speed)
         n_steps, rebuild_every = _in_builds(n_steps, wanted)
     taken = save_every / n_steps
@@ -195,15 +197,19 @@ def _steps_between_builds(scene, found, state, time_step, max_speed) -> int:
     if max_speed is None:
         fastest = [0.1 * float(fluid.sound_speed) for fluid in scene.fluids if is_concrete(fluid.sound_speed)]
         if is_concrete(state, scene.systems):
-            for system in [*scene.fluids, *scene.structures]:
-                velocity = system.velocity if state is None else state.systems[system.name]["velocity"]
+            for system in [*scene.fluids, *scene.solids]:
+                velocity = _velocity(system) if state is None else state.systems[system.name]["velocity"]
                 fastest.append(float(np.sqrt(np.max(np.sum(np.asarray(velocity) ** 2, axis=-1)))))
         if not fastest:
             raise ValueError("max_speed is needed when the sound speed is traced: it decides how often lists are built")
         max_speed = 1.1 * max(fastest)
-    checks.check_positive("max_speed", max_speed, "m/s")
-    skin = found[f"{scene.fluids[0].name}-{scene.fluids[0].name}"].skin
+    checks.check_at_least("max_speed", max_speed, 0.0, "m/s")
+    skin = min(found[f"{a}-{b}"].skin for a, b in surroundings.pairs_of(scene))
     return max(1, min(8, safe_steps(skin, time_step, max_speed)))
+
+
+def _velocity(system):
+    return system.initial_velocity() if isinstance(system, RigidBody) else system.velocity
 
 
 def _in_builds(n_steps: int, wanted: int) -> tuple[int, int]:
@@ -228,8 +234,8 @@ def _begin(scene, found, state, forward_mode=False):
 
 
 def _lists(scene, references, columns, found, time):
-    """Neighbor lists of the fluids, and walls where they are at a time."""
-    if not scene.fluids:
+    """Neighbor lists of the systems that meet, and walls where they are at a time."""
+    if not scene.meets:
         return None, None
     placed = place_boundaries(scene, references, columns, time)
     return surroundings.rebuild(scene, found, positions_of(scene, columns, placed)), placed
@@ -243,7 +249,7 @@ def _advance(
 ):
     """n_steps steps from a state. In blocks of `block` steps, each recomputed in reverse mode.
 
-    With fluids, neighbor lists are built every rebuild_every steps, of which n_steps and block are multiples.
+    Where systems meet, neighbor lists are built every rebuild_every steps, of which n_steps and block are multiples.
     """
     dt = jnp.asarray(time_step, scene.dtype)
     shepard = scene.effect(ShepardFilter)
@@ -276,21 +282,21 @@ def _advance(
             columns = jax.lax.cond(due, apply_filter, dict, columns)
         step = checkpointed(lambda carry, number, lists: one_step(carry, number, lists))
         columns, _ = jax.lax.scan(lambda carry, number: step(carry, number, lists), columns, numbers)
-        assert lists is not None  # this is for scenes with fluids
+        assert lists is not None  # this is for scenes in which systems meet
         placed = place_boundaries(scene, references, columns, time_of(numbers[-1] + 1))
         positions = positions_of(scene, columns, placed)
         health = surroundings.note(health, lists, positions, state.step + numbers[-1] + 1)
         return (columns, health), None
 
     numbers, health = jnp.arange(n_steps, dtype=jnp.int32), state.health
-    if scene.fluids:
+    if scene.meets:
         carry, once = (columns, health), between_builds
         numbers = numbers.reshape(-1, rebuild_every)
         block = None if block is None else max(1, block // rebuild_every)
     else:
         carry, once = columns, checkpointed(one_step)
     carry = _scan_in_blocks(once, carry, numbers, None if forward_mode else block)
-    columns, health = carry if scene.fluids else (carry, health)
+    columns, health = carry if scene.meets else (carry, health)
     step = state.step + jnp.int32(n_steps)
     finite = all_finite(jax.lax.stop_gradient(columns))
     health = health.note(~finite, NOT_FINITE, step)
@@ -331,7 +337,7 @@ def _run_traced(
     dt = jnp.asarray(time_step, scene.dtype)
     state = replace(state, health=state.health.note(dt > limit, UNSTABLE, state.step, dt, limit))
     steps, kept = n_saves * n_steps, 2 * sum(leaf.nbytes for leaf in jax.tree.leaves(columns))
-    if scene.fluids:
+    if scene.meets:
         lists = [found[f"{a}-{b}"] for a, b in surroundings.pairs_of(scene)]
         kept += sum(leaf.nbytes for leaf in jax.tree.leaves(lists)) // rebuild_every
     block = None
@@ -429,7 +435,7 @@ def _to_next_save(scene, references, columns, state, found, time_step, options):
     """One interval; again, with more room, skin or more frequent builds, if the neighbor lists did not suffice."""
     while True:
         advanced, new = _advance_compiled(scene, references, columns, found, state, time_step, **options)
-        reason = int(new.health.reason) if scene.fluids else GOOD
+        reason = int(new.health.reason) if scene.meets else GOOD
         if reason == BEYOND_SKIN and options["rebuild_every"] > 1:
             options = {**options, "rebuild_every": options["rebuild_every"] // 2}
         elif reason == BEYOND_SKIN and float(new.health.number) < _longest_way(scene, found):

@@ -12,6 +12,7 @@ from jaxsph.effects import DeltaDiffusion, Shifting, TensileControl
 from jaxsph.fluid import Fluid
 from jaxsph.health import Health
 from jaxsph.pytree import pytree_dataclass
+from jaxsph.rigid_body import RigidBody
 from jaxsph.structure import Structure
 from jaxsph.walls import WallContinuity, WallSummation
 
@@ -23,10 +24,10 @@ class State:
     Attributes:
         time: [s].
         step: number of steps taken.
-        systems: by name of the system, its fields, particle first and in the user's order. A structure has
-            `displacement` (N, d) [m], `velocity` (N, d) [m/s], `acceleration` (N, d) [m/s^2], and in float32
+        systems: by name of the system, its fields, particle first and in the user's order. A structure or rigid body
+            has `displacement` (N, d) [m], `velocity` (N, d) [m/s], `acceleration` (N, d) [m/s^2], and in float32
             `remainder` (N, d) [m], what rounding left out of the displacement (see docs/formulation.md); beside fluids
-            also `surface_acceleration` (N, d) [m/s^2], the part of its acceleration that they cause. A fluid has
+            and with `Contact` also `surface_acceleration` (N, d) [m/s^2], the force per mass by them. A fluid has
             `position`, `velocity`, `acceleration` (N, d) and `density_deviation` (N,), rho - rho_0 [kg/m^3]; with
             `ParticleShifting` or `TransportVelocity` a `shift` (N, d) [m/s], with `DeltaDiffusion` a
             `density_gradient` (N, d), with `TensileControl` a `cover` (N,), with the density calculator `EDAC` a
@@ -55,11 +56,14 @@ def initial_state(scene) -> State:
 def _initial_fields(scene, system) -> dict:
     shape, dtype = system.particles.positions.shape, system.dtype
     zero = jnp.zeros(shape, dtype)
-    if isinstance(system, Structure):
-        free = (~system.clamped)[:, None]
-        velocity = jnp.where(free, jnp.broadcast_to(jnp.asarray(system.velocity), shape), zero)
+    if isinstance(system, (Structure, RigidBody)):
+        if isinstance(system, RigidBody):
+            velocity = system.initial_velocity()
+        else:
+            free = (~system.clamped)[:, None]
+            velocity = jnp.where(free, jnp.broadcast_to(jnp.asarray(system.velocity), shape), zero)
         fields = {"displacement": zero, "velocity": velocity, "acceleration": zero}
-        if scene.fluids:
+        if scene.meets:
             fields |= {"surface_acceleration": zero} | _remembered(system, shape, dtype)
         return fields | ({"remainder": zero} if dtype == np.float32 else {})
     if isinstance(system, Fluid):

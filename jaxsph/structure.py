@@ -231,6 +231,11 @@ class Reference:
     positions: Any
     thin: Any = None
 
+    @property
+    def mass(self):
+        """Masses (N,) [kg, in 2D per meter]."""
+        return {**self.uniform, **self.varying}["density"] * self.volume
+
 
 def reference(structure: Structure, topology: Topology, *, penalty: bool) -> Reference:
     """Correction matrix (16) and the kernel gradients of all pairs; differentiable in every number of the structure."""

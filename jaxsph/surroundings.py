@@ -1,4 +1,4 @@
-"""Who is near whom while fluids move: one neighbor list for every pair of systems that meet.
+"""Who is near whom while systems move: one neighbor list for every pair of systems that meet.
 
 Lists are built anew at the start of every block of steps, from a template that holds the sizes of their arrays. Nothing
 of them is carried from block to block but what went wrong.
@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxsph.contact import TOUCHING, largest_reach
+from jaxsph.effects import Contact
 from jaxsph.health import BEYOND_SKIN, OUTSIDE, OVERFLOW, Health
 from jaxsph.neighbors import Capacity, Domain, NeighborList, moved, neighbor_list, search_of
 from jaxsph.pytree import replace
@@ -29,6 +31,7 @@ def pairs_of(scene) -> list[tuple[str, str]]:
     fluids = [fluid.name for fluid in scene.fluids]
     pairs = [(a, b) for i, a in enumerate(fluids) for b in fluids[i:]]
     pairs += [(fluid, wall.name) for fluid in fluids for wall in scene.boundaries]
+    pairs += [(TOUCHING, TOUCHING)] if scene.effect(Contact) is not None else []
     return pairs + [(w.name, w.name) for w in scene.boundaries if fluids and isinstance(w.pressure, WallSummation)]
 
 
@@ -36,33 +39,41 @@ def allocate(scene, positions: dict, *, skin: float | None = None, capacity_mult
     """Lists by "receiver-sender", from concrete positions (d, N) of every system.
 
     Args:
-        scene: with fluids.
+        scene: with fluids, or solids and `Contact`.
         positions: by name.
-        skin: [m]; None takes `SKIN` support radii.
+        skin: [m]; None takes `SKIN` support radii of the fluids, without fluids half the largest spacing.
         capacity_multiplier: arrays are larger by this factor than these positions need.
 
     Raises ParticleOutside and ValueError as `NeighborSearch.allocate`.
     """
-    cutoff = float(scene.kernel.support_radius(np.asarray(scene.smoothing_length)))
-    skin = SKIN * cutoff if skin is None else skin
+    reach = largest_reach(scene) if scene.effect(Contact) is not None else 0.0
+    cutoff, usual = reach, 0.5 * reach
+    if scene.fluids:
+        cutoff = float(scene.kernel.support_radius(np.asarray(scene.smoothing_length)))
+        usual = SKIN * cutoff
+    skin = usual if skin is None else skin
     domain = scene.domain
     # Of the start, so that a run that is continued has the same cells, and with them the same order of sums.
-    everything = np.concatenate([np.asarray(scene[name].particles.positions).T for name in positions], axis=1)
+    at_start = [np.asarray(scene[name].particles.positions).T for name in positions if name != TOUCHING]
+    everything = np.concatenate(at_start, axis=1)
     if domain is None:
         domain = Domain.around(everything, 4.0 * float(np.max(np.ptp(everything, axis=1))) + 4 * cutoff)
     box = tuple(everything.min(axis=1).tolist()), tuple(everything.max(axis=1).tolist())
-    search = neighbor_list(domain, cutoff, skin, capacity_multiplier, box=box)
     lists = {}
     for a, b in pairs_of(scene):
+        search = neighbor_list(domain, reach if a == TOUCHING else cutoff, skin, capacity_multiplier, box=box)
         lists[f"{a}-{b}"] = search.template(positions[a], None if a == b else positions[b], near_only=True)
     return lists
 
 
-def rebuild(scene, templates: dict, positions: dict) -> dict[str, NeighborList]:
-    """The lists for new positions (d, N) by system, templates as from `topologies`. Inside jit; no derivatives."""
+def rebuild(scene, templates: dict, positions: dict, pairs=None) -> dict[str, NeighborList]:
+    """The lists for new positions (d, N) by system, templates as from `topologies`. Inside jit; no derivatives.
+
+    pairs: of which; None takes all of the scene.
+    """
     positions = jax.lax.stop_gradient(positions)
     lists = {}
-    for a, b in pairs_of(scene):
+    for a, b in pairs_of(scene) if pairs is None else pairs:
         template = templates[f"{a}-{b}"]
         lists[f"{a}-{b}"] = search_of(template).update(positions[a], template, None if a == b else positions[b])
     return lists

@@ -96,7 +96,7 @@ def test_it_says_what_is_in_it():
     ("make", "said"),
     [
         (lambda: sph.Scene(), "at least one system"),
-        (lambda: sph.Scene("plate"), "made of fluids, walls and structures, not of str"),
+        (lambda: sph.Scene("plate"), "made of fluids, walls, structures and rigid bodies, not of str"),
         (lambda: sph.Scene(plate(), plate()), r"same name: \['plate', 'plate'\]"),
         (lambda: sph.Scene(plate(), plate("b", 3)), "one dimension and one precision"),
         (lambda: sph.Scene(plate(), plate("b", kind=np.float32)), "one dimension and one precision"),

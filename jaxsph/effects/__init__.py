@@ -2,6 +2,7 @@
 
 from jaxsph.effects.artificial_viscosity import ArtificialViscosity
 from jaxsph.effects.body_force import BodyForce
+from jaxsph.effects.contact import Contact
 from jaxsph.effects.damping import Damping
 from jaxsph.effects.density_diffusion import DeltaDiffusion, DensityDiffusion
 from jaxsph.effects.flow_effect import FlowEffect
@@ -14,6 +15,7 @@ from jaxsph.effects.tensile_control import TensileControl
 __all__ = [
     "ArtificialViscosity",
     "BodyForce",
+    "Contact",
     "Damping",
     "DeltaDiffusion",
     "DensityDiffusion",

@@ -54,7 +54,7 @@ def neighbors(scene, reach: float | int = 1) -> tuple[float, int]:
 
 def boundaries(scene) -> list:
     """What fluids meet beside each other."""
-    return [*scene.walls, *scene.structures]
+    return [*scene.walls, *scene.solids]
 
 
 def support(scene) -> float:

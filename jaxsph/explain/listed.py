@@ -6,6 +6,7 @@ import math
 
 from jaxsph.effects import (
     ArtificialViscosity,
+    Contact,
     Damping,
     DeltaDiffusion,
     DensityDiffusion,
@@ -93,6 +94,8 @@ def _effect(facts, effect):
         return Finding(name, "keeps particles under negative pressure from clumping", source=finding.TENSILE)
     if isinstance(effect, PenaltyForce):
         return Finding(name, "resists displacements that alternate from particle to particle", source=finding.PENALTY)
+    if isinstance(effect, Contact):
+        return Finding(name, "keeps solids from passing through each other and through walls")
     if isinstance(effect, Damping):
         return Finding(name, "brings structures to rest; a static state is exact, the motion towards it is not")
     return Finding(name, "listed")

@@ -7,6 +7,7 @@ import math
 import jax
 import numpy as np
 
+from jaxsph.contact import TOUCHING, bodies
 from jaxsph.explain.arrangement import neighbors
 from jaxsph.explain.facts import facts_of
 from jaxsph.state import initial_state
@@ -26,6 +27,7 @@ def summary(scene) -> list[str]:
         slots = math.ceil(CAPACITY_MULTIPLIER * neighbors(scene, 1 + SKIN)[1])
         lists = pairs_of(scene)
         size = {system.name: system.n_particles for system in scene.systems}
+        size[TOUCHING] = sum(body.n_particles for body in bodies(scene))
         held = sum(4 * slots * (size[a] + (0 if a == b else size[b])) for a, b in lists)
         lines.append(
             f"lists {', '.join('-'.join(pair) for pair in lists)}: "

@@ -20,7 +20,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
     """What a step needs of the forces on fluids, and of those that fluids exert on structures.
 
     By fluid: `acceleration` (d, N) [m/s^2] and, if the scene calls for them, `shift` and `density_gradient`. By
-    structure: `surface_acceleration` (d, N) [m/s^2].
+    structure and rigid body: `surface_acceleration` (d, N) [m/s^2].
     """
     outside = [effect for effect in scene.flow_effects if effect.acceleration is not None]
     shifting, delta = scene.effect(Shifting), scene.effect(DeltaDiffusion)
@@ -91,11 +91,10 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
             totals = {name: totals.get(name, 0.0) + part.get(name, 0.0) for name in {**totals, **part}}
         out[fluid.name] = _finish(scene, fluid, own, totals, outside, shifting, delta, time)
         fields[fluid.name] = own
-    for structure in scene.structures:
-        force = _on_structure(scene, structure, references, fields, placed, walls, lists, forward_mode)
-        ready = references[structure.name]
-        mass = {**ready.uniform, **ready.varying}["density"] * ready.volume
-        out[structure.name] = {"surface_acceleration": ready.moving * force / mass}
+    for solid in scene.solids:
+        force = _on_solid(scene, solid, references, fields, placed, walls, lists, forward_mode)
+        ready = references[solid.name]
+        out[solid.name] = {"surface_acceleration": ready.moving * force / ready.mass}
     return out
 
 
@@ -128,19 +127,19 @@ def pair_force(scene, fluid, other):
     return force_of, active
 
 
-def _on_structure(scene, structure, references, fields, placed, walls, lists, forward_mode):
-    """Force (d, N) [N, in 2D per meter] on the particles of a structure: that on the fluids, with roles exchanged."""
+def _on_solid(scene, solid, references, fields, placed, walls, lists, forward_mode):
+    """Force (d, N) [N, in 2D per meter] on the particles of a solid: that on the fluids, with roles exchanged."""
     total: Any = 0.0
     for fluid in scene.fluids:
-        receivers = wall_in_forces(fluid, structure, references, placed, walls[structure.name])
-        force_of, _ = pair_force(scene, fluid, structure)
+        receivers = wall_in_forces(fluid, solid, references, placed, walls[solid.name])
+        force_of, _ = pair_force(scene, fluid, solid)
 
         def of_pair(a, b, pair, force_of: Any = force_of):
             seen_from_fluid = pair._replace(offset=-pair.offset, gradient=-pair.gradient)
             return -force_of(b, a, seen_from_fluid)[0]
 
-        neighbors = lists[f"{fluid.name}-{structure.name}"].transposed()
-        thin = references[structure.name].thin
+        neighbors = lists[f"{fluid.name}-{solid.name}"].transposed()
+        thin = references[solid.name].thin
         senders = fields[fluid.name]
         total = total + over_pairs(scene, fluid, of_pair, receivers, senders, neighbors, None, forward_mode, thin)
     return total

@@ -5,14 +5,18 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 
-from jaxsph.effects import PenaltyForce
+from jaxsph.contact import LIST, TOUCHING, contact_energy
+from jaxsph.dynamics import place_boundaries, positions_of, prepare, topologies
+from jaxsph.effects import Contact, PenaltyForce
 from jaxsph.materials.elastic import lame_parameters
 from jaxsph.observe.structures import of_structure
+from jaxsph.state import to_columns
 from jaxsph.structure import displacement_gradient, penalty_energy
+from jaxsph.surroundings import rebuild
 
 
 def energies(scene, state, found=None) -> dict:
-    """Energies of all structures and fluids [J, in 2D per meter].
+    """Energies of all structures, rigid bodies and fluids [J, in 2D per meter].
 
     Args:
         scene, state: one state.
@@ -21,8 +25,9 @@ def energies(scene, state, found=None) -> dict:
     Returns:
         `kinetic`: without clamped particles.
         `elastic`: of structures, with that of the penalty force.
+        `contact`: what `Contact` stores.
         `internal`: of fluids, what their compression stores: `StateEquation.energy`.
-        `gravitational`: of structures -m g . u, from the reference configuration; of fluids -m g . x, from the origin.
+        `gravitational`: of solids -m g . u, from the reference configuration; of fluids -m g . x, from the origin.
             In a periodic domain with gravity along a periodic axis it jumps where a particle leaves the box.
         `total`: their sum.
     """
@@ -39,6 +44,10 @@ def energies(scene, state, found=None) -> dict:
         if penalty is not None:
             elastic += penalty_energy(ready, fields["displacement"], gradient, penalty)
         gravitational -= jnp.sum(mass * jnp.sum(gravity[:, None] * fields["displacement"], axis=0))
+    for body in scene.rigid_bodies:
+        fields, mass = state.systems[body.name], jnp.asarray(body.density * body.particles.volumes)
+        kinetic += 0.5 * jnp.sum(mass * jnp.sum(fields["velocity"] ** 2, axis=1))
+        gravitational -= jnp.sum(mass * jnp.sum(gravity * fields["displacement"], axis=1))
     for fluid in scene.fluids:
         fields, mass = state.systems[fluid.name], fluid.mass()
         if "pressure" in fields:
@@ -48,17 +57,30 @@ def energies(scene, state, found=None) -> dict:
         kinetic += 0.5 * jnp.sum(mass * jnp.sum(fields["velocity"] ** 2, axis=1))
         internal += jnp.sum(mass * stored)
         gravitational -= jnp.sum(mass * jnp.sum(gravity * fields["position"], axis=1))
+    contact = _contact(scene, state, found)
     return {
         "kinetic": kinetic,
         "elastic": elastic,
+        "contact": contact,
         "internal": internal,
         "gravitational": gravitational,
-        "total": kinetic + elastic + internal + gravitational,
+        "total": kinetic + elastic + contact + internal + gravitational,
     }
 
 
+def _contact(scene, state, found):
+    """Energy of contact; not a number if the neighbor lists are too small for a state."""
+    if scene.effect(Contact) is None:
+        return jnp.zeros((), scene.dtype)
+    found = topologies(scene, capacity_multiplier=2.0) if found is None else found
+    references, columns = prepare(scene, found), to_columns(state.systems, found)
+    placed = place_boundaries(scene, references, columns, state.time)
+    lists = rebuild(scene, found, positions_of(scene, columns, placed), [(TOUCHING, TOUCHING)])
+    return jnp.where(lists[LIST].is_wrong, jnp.nan, contact_energy(scene, references, placed, lists))
+
+
 def linear_momentum(scene, state) -> jax.Array:
-    """Linear momentum of all structures and fluids (d,) [kg m/s, in 2D per meter]."""
+    """Linear momentum of all solids and fluids (d,) [kg m/s, in 2D per meter]."""
     total = jnp.zeros((scene.dimension,), scene.dtype)
     for mass, _, velocity in _moving(scene, state):
         total += jnp.sum(mass[:, None] * velocity, axis=0)
@@ -66,7 +88,7 @@ def linear_momentum(scene, state) -> jax.Array:
 
 
 def angular_momentum(scene, state, about=None) -> jax.Array:
-    """Angular momentum of all structures and fluids [kg m^2/s, in 2D per meter]: sum m (x - x_0) x v.
+    """Angular momentum of all solids and fluids [kg m^2/s, in 2D per meter]: sum m (x - x_0) x v.
 
     Args:
         scene, state: one state. In a periodic domain angular momentum is not defined.
@@ -88,7 +110,7 @@ def angular_momentum(scene, state, about=None) -> jax.Array:
 
 def _moving(scene, state):
     """Masses (N,), positions and velocities (N, d) of every system that follows from forces."""
-    for system in [*scene.structures, *scene.fluids]:
+    for system in [*scene.solids, *scene.fluids]:
         fields, particles = state.systems[system.name], system.particles
         fluid = "position" in fields
         position = fields["position"] if fluid else jnp.asarray(particles.positions) + fields["displacement"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import jax.numpy as jnp
 
 from jaxsph.materials.elastic import cauchy_stress, von_mises
-from jaxsph.structure import displacement_gradient, reference, topology
+from jaxsph.structure import Structure, displacement_gradient, reference, topology
 
 
 def of_structure(scene, state, structure, found=None, *, penalty: bool = False):
@@ -25,8 +25,12 @@ def stresses(scene, state, name: str, found=None) -> dict:
 
     Returns:
         `deformation_gradient`, `pk1`, `cauchy` (N, d, d) and `von_mises` (N,); stresses in Pa.
+
+    Raises ValueError for a system that is not a `Structure`.
     """
     structure = scene[name]
+    if not isinstance(structure, Structure):
+        raise ValueError(f"{name!r} is a {type(structure).__name__}; stresses are those of a Structure")
     order, ready, fields = of_structure(scene, state, structure, found)
     material = {**ready.uniform, **ready.varying}
     gradient = displacement_gradient(ready, fields["displacement"])

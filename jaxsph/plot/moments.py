@@ -23,7 +23,7 @@ _WIDTH, _TALLEST = 11.0, 9.0
 def moments(
     trajectory: Any,
     times: ArrayLike,
-    name: str | None = None,
+    name: str | Sequence[str] | None = None,
     color: str | None = AUTOMATIC,
     *,
     columns: int | None = None,
@@ -37,7 +37,7 @@ def moments(
     Args:
         trajectory: from `simulate`.
         times: of the panels [s]; each takes the nearest saved state.
-        name: of the system; None draws all.
+        name: of the system, or several of them; None draws all.
         color, limits, color_map: as of `snapshot`; the scale is that of the times shown.
         columns: panels in a row; None takes all for tall panels, two for long ones.
         view: in 3D, azimuth and elevation of the viewer [degrees]: (0, 0) looks along y with z upwards. None looks

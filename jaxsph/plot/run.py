@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxsph import observe
@@ -13,6 +15,7 @@ from jaxsph.dynamics import topologies
 from jaxsph.fluid import Fluid
 from jaxsph.plot.figure import LIGHT_GRAY
 from jaxsph.plot.layers import Layer, both_signs, draw, film, time_text
+from jaxsph.rigid_body import RigidBody
 from jaxsph.structure import Structure
 
 if TYPE_CHECKING:
@@ -20,10 +23,12 @@ if TYPE_CHECKING:
 
 STRUCTURE_COLORS = {
     "von_mises": ("von Mises stress", "Pa"),
+    "pk1": ("PK1 stress |P|", "Pa"),
     "displacement": ("displacement", "m"),
     "velocity": ("speed", "m/s"),
     "acceleration": ("acceleration", "m/s$^2$"),
 }
+BODY_COLORS = {key: STRUCTURE_COLORS[key] for key in ("velocity", "displacement", "acceleration")}
 FLUID_COLORS = {
     "pressure": ("pressure", "Pa"),
     "velocity": ("speed", "m/s"),
@@ -31,10 +36,10 @@ FLUID_COLORS = {
     "vorticity": ("vorticity", "1/s"),
     "acceleration": ("acceleration", "m/s$^2$"),
 }
-"""What a picture can show, with its label and unit; of vectors the magnitude. Walls are gray."""
+"""What a picture can show, with its label and unit; of vectors and tensors the magnitude. Walls are gray."""
 
 AUTOMATIC = "automatic"
-"""Structures by von Mises stress, fluids by pressure."""
+"""Structures by von Mises stress, fluids by pressure; rigid bodies are of one color."""
 
 TAIL = 0.5
 """Per cent of a fluid's numbers at either end that its color scale leaves out: a few particles in an impact would take
@@ -49,7 +54,7 @@ TRACE = 0.25
 
 def snapshot(
     trajectory: Any,
-    name: str | None = None,
+    name: str | Sequence[str] | None = None,
     index: int = -1,
     color: str | None = AUTOMATIC,
     *,
@@ -62,7 +67,7 @@ def snapshot(
 
     Args:
         trajectory: from `simulate`.
-        name: of the system; None draws all in one picture.
+        name: of the system, or several of them; None draws all in one picture.
         index: of the saved state, the last by default.
         color: a key of `FLUID_COLORS` or `STRUCTURE_COLORS`; None draws one color. In a picture of all, systems that do
             not have it are colored as by default: fluids by pressure, structures by von Mises stress.
@@ -82,14 +87,14 @@ def snapshot(
         raise ValueError(f"index {index}: the run has {n_saved} saved states, from 0 to {n_saved - 1}")
     layers = layers_of(trajectory, name, color, [index % n_saved], limits, color_map)
     if title is None:
-        title = f"{name or ''}   {time_text(np.asarray(trajectory.times), index)}".strip()
+        title = f"{_title(name)}   {time_text(np.asarray(trajectory.times), index)}".strip()
     return draw(layers, title=title, axes=axes)
 
 
 def animate_trajectory(
     path: str | os.PathLike[str],
     trajectory: Any,
-    name: str | None = None,
+    name: str | Sequence[str] | None = None,
     *,
     color: str | None = AUTOMATIC,
     title: str | None = None,
@@ -103,7 +108,7 @@ def animate_trajectory(
     Args:
         path: file to write, `*.gif`.
         trajectory: from `simulate`.
-        name: of the system; None draws all in one picture.
+        name: of the system, or several of them; None draws all in one picture.
         color, limits, color_map: as `snapshot`.
         title: before the time; None takes the name.
         frames_per_second: speed of the GIF.
@@ -117,15 +122,17 @@ def animate_trajectory(
         ImportError: matplotlib is not installed.
     """
     layers = layers_of(trajectory, name, color, range(len(trajectory.times)), limits, color_map)
-    title = (name or "") if title is None else title
+    title = _title(name) if title is None else title
     times = np.asarray(trajectory.times)
     return film(path, layers, times, title=title, frames_per_second=frames_per_second, resolution=resolution)
 
 
 def layers_of(trajectory, name, color, indices, limits, color_map, view=None) -> list[Layer]:
-    """Layers of a system, or of all: walls below, then fluids, then structures; `view` turns positions (T, N, 3)."""
+    """Layers of some systems, or of all: walls below, then fluids, then solids; `view` turns positions (T, N, 3)."""
     scene, indices = trajectory.scene, np.asarray(indices)
-    systems = [*scene.walls, *scene.fluids, *scene.structures] if name is None else [scene[name]]
+    systems = [*scene.walls, *scene.fluids, *scene.solids]
+    if name is not None:
+        systems = [scene[each] for each in ([name] if isinstance(name, str) else name)]
     known = {key for system in systems for key in _colors(system)}
     if color not in (None, AUTOMATIC, *known):
         raise ValueError(f"color {color!r} is not known; choose one of {sorted(known)}, or None")
@@ -156,16 +163,22 @@ def layers_of(trajectory, name, color, indices, limits, color_map, view=None) ->
     return layers
 
 
+def _title(name) -> str:
+    return name if isinstance(name, str) else ", ".join(name or ())
+
+
 def _colors(system) -> dict:
     if isinstance(system, Structure):
         return STRUCTURE_COLORS
+    if isinstance(system, RigidBody):
+        return BODY_COLORS
     return FLUID_COLORS if isinstance(system, Fluid) else {}
 
 
 def _key(system, color) -> str | None:
     """What colors a system."""
     known = _colors(system)
-    if color is None or not known:
+    if color is None or not known or (isinstance(system, RigidBody) and color not in known):
         return None
     return color if color in known else next(iter(known))
 
@@ -185,8 +198,8 @@ def _values(scene, system, states, key) -> np.ndarray:
     if key in ("pressure", "density"):
         of_state = observe.pressure if key == "pressure" else observe.density
         return np.asarray(jax.vmap(lambda state: of_state(scene, state, name))(states))
-    if key == "von_mises":
-        return np.asarray(_von_mises(scene, states, topologies(scene), name=name))
+    if key in ("von_mises", "pk1"):
+        return np.asarray(_stress(scene, states, topologies(scene), name=name, key=key))
     room, last = 2.0, jax.tree.map(lambda leaf: leaf[-1], states)
     while True:
         found = np.asarray(_vorticity(scene, states, topologies(scene, last, capacity_multiplier=room), name=name))
@@ -195,15 +208,21 @@ def _values(scene, system, states, key) -> np.ndarray:
         room *= 2
 
 
-def _von_mises_of_states(scene, states, found, *, name):
-    return jax.lax.map(lambda state: observe.stresses(scene, state, name, found)["von_mises"], states)
+def _stress_of_states(scene, states, found, *, name, key):
+    """Von Mises stress, or the norm sqrt(P : P) of the PK1 stress (T, N) [Pa]."""
+
+    def size(state):
+        stress = observe.stresses(scene, state, name, found)[key]
+        return stress if key == "von_mises" else jnp.sqrt(jnp.sum(stress**2, axis=(-2, -1)))
+
+    return jax.lax.map(size, states)
 
 
 def _vorticity_of_states(scene, states, found, *, name):
     return jax.lax.map(lambda state: observe.vorticity(scene, state, name, found), states)
 
 
-_von_mises = jax.jit(_von_mises_of_states, static_argnames="name")
+_stress = jax.jit(_stress_of_states, static_argnames=("name", "key"))
 _vorticity = jax.jit(_vorticity_of_states, static_argnames="name")
 
 
