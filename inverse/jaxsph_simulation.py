@@ -20,7 +20,8 @@ class JaxsphSimulation:
     """The default `simulate`: jaxsph.simulate to the last observation time, seen at the observation times.
 
     The time step is the smallest stable one over the corners of the bounds, so that it never depends on a
-    traced value: a fit does not change its own discretization while it moves.
+    traced value: a fit does not change its own discretization while it moves. Nor do the substeps of structures
+    beside fluids, the most that any corner needs: no iterate goes unstable.
 
     With fluids or contact the starting values are run once with plain numbers. From that run come the room that
     neighbor lists get, because a lattice crowds when it breaks up, and the top speed, which says how often they are
@@ -50,9 +51,14 @@ class JaxsphSimulation:
         self.save_every = common_interval(times) if save_every is None else save_every
         self._options: dict[str, Any] = {}
         if getattr(scene, "meets", False):
+            if scene.fluids and scene.structures:
+                import jaxsph
+
+                substeps = most_substeps([replace(scene, corner) for corner in corners(unknown)], time_step)
+                self._options = {"integrator": jaxsph.KickDriftKick(substeps)}
             rehearsal = self._run(replace(scene, {name: t.start[()] for name, t in unknown.items()}), times)
             fastest = [max_speed(rehearsal), *(max_speed_expected(replace(scene, c)) for c in corners(unknown))]
-            self._options = {"topologies_of_scene": topologies_of_run(rehearsal), "max_speed": max(fastest)}
+            self._options |= {"topologies_of_scene": topologies_of_run(rehearsal), "max_speed": max(fastest)}
 
     def __call__(self, scene: Any, times: np.ndarray, mode: str):
         return self._run(scene, times, mode=mode).at(times)
@@ -114,6 +120,15 @@ def max_speed(run: Any) -> float:
             moving = fields["velocity"] + fields.get("shift", 0.0)
             squared.append(np.max(np.sum(np.square(moving), axis=-1)))
     return SPEED_MARGIN * float(np.sqrt(max(squared)))
+
+
+def most_substeps(scenes: list[Any], time_step: float) -> dict[str, int]:
+    """By structure the most `jaxsph.stable_substeps` that any of the scenes needs for this time step [s]."""
+    import jaxsph
+
+    found = jaxsph.topologies(scenes[0])  # places are the same in all corners, so neighbors are
+    counts = [jaxsph.stable_substeps(scene, time_step, found) for scene in scenes]
+    return {name: max(count[name] for count in counts) for name in counts[0]}
 
 
 def max_speed_expected(scene: Any) -> float:
