@@ -61,18 +61,19 @@ def main(
     rms = {f"{modulus:.3g}": root_mean_square(simulated(np.array([modulus])), data) / peak for modulus in LITERATURE}
     found = {"youngs_modulus": float(fit[NAME]), "standard_error": fit.standard_errors[NAME]}
     found["rms_over_peak"] = root_mean_square(fit.simulated, data) / peak
-    _, high = fit.uncertainty.chi_square_interval
-    explained = fit.uncertainty.reduced_chi_square <= high
+    uncertainty = fit.uncertainty
+    assert uncertainty is not None and uncertainty.chi_square_interval is not None, "the data have deviations"
+    explained = uncertainty.reduced_chi_square <= uncertainty.chi_square_interval[1]
     print(f"Young's modulus {found['youngs_modulus']:.4g} +- {found['standard_error']:.2g} Pa")
     print(f"rms {100 * found['rms_over_peak']:.1f} % of the peak; with E of", end=" ")
     print(", ".join(f"{modulus} Pa {100 * value:.1f} %" for modulus, value in rms.items()))
-    times = fit.uncertainty.reduced_chi_square**0.5
+    times = uncertainty.reduced_chi_square**0.5
     print(f"One modulus {'explains' if explained else 'does not explain'} the motion: what is left is", end=" ")
     print(f"{times:.2g} times the {1e3 * reading:g} mm that a measured point is taken to be off.")
     summary = found | {
         "rms_over_peak_literature": rms,
         "explained": bool(explained),
-        "reduced_chi_square": float(fit.uncertainty.reduced_chi_square),
+        "reduced_chi_square": float(uncertainty.reduced_chi_square),
         "verdict": fit.verdict,
         "messages": list(fit.messages),
         "iterations": fit.iterations,
