@@ -128,7 +128,7 @@ def across(structure) -> int:
 
 
 def fall_and_depth(scene, up) -> tuple[float, float]:
-    """How far the highest fluid, or structure that is free, can fall, and the largest depth of fluid [m].
+    """How far the highest fluid, or the underside of a structure that is free, can fall, and the depth of fluid [m].
 
     In columns two spacings wide: the floor is what wall there is from below until the first gap, the surface what fluid
     is on it until the first gap. A column without wall has the lowest fluid for its floor.
@@ -142,7 +142,8 @@ def fall_and_depth(scene, up) -> tuple[float, float]:
     wall = np.concatenate(solid) if solid else np.empty((0, len(up)))
     level = fluid @ up
     loose = [np.asarray(s.particles.positions, float)[~np.asarray(s.clamped)] @ up for s in scene.structures]
-    top = max(np.max(heights) for heights in [level, *loose] if len(heights)) + 0.5 * scene.spacing
+    undersides = [np.min(heights) - 0.5 * scene.spacing for heights in loose if len(heights)]
+    top = max(np.max(level) + 0.5 * scene.spacing, *undersides, -np.inf)
     lowest = np.min(level) - 0.5 * scene.spacing
     axes = np.argsort(np.abs(up))[:-1]  # the horizontal ones, as near as axes are
     everything = np.concatenate([fluid, wall])

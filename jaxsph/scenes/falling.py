@@ -52,7 +52,8 @@ def falling_spheres(
         poisson_ratio: of the spheres.
         depth: of the water [m].
         inside: of the tank (d,) [m]; None takes 2 m x 2 m, in 3D 1 m x 1 m x 1.6 m. Water must not spill over.
-        density, sound_speed, viscosity: of the water; a sound speed of None is 10 sqrt(g depth).
+        density, sound_speed, viscosity: of the water; a sound speed of None is ten times the larger of sqrt(g depth) and
+            the fastest sphere's speed at the surface.
         smoothing: smoothing length in spacings.
         effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.1)`, `Contact()`.
         law: elastic law; None takes `NeoHookean()`.
@@ -120,7 +121,10 @@ def _into_water(solids, spacing, depth, inside, dimension, effects, smoothing, d
         inside = (2.0, 2.0) if dimension == 2 else (1.0, 1.0, 1.6)
     layers = math.ceil(2 * smoothing)
     corner, size = np.zeros(dimension), np.asarray(inside, float)
-    sound_speed = 10 * math.sqrt(GRAVITY * depth) if water["sound_speed"] is None else water["sound_speed"]
+    fall = max(float(np.min(solid.particles.positions[:, -1])) for solid in solids) - 0.5 * spacing - depth
+    sound_speed = (
+        10 * math.sqrt(GRAVITY * max(depth, 2 * fall)) if water["sound_speed"] is None else water["sound_speed"]
+    )
     pool = Fluid(
         "water",
         box(corner, (*size[:-1], depth), spacing, dtype=dtype),
@@ -170,7 +174,7 @@ def falling_column_on_beam(
         width, height: of the column [m]; multiples of width / particles.
         place: of its middle along the beam [m].
         drop: from which it has fallen when it arrives at t = 0 [m].
-        density, sound_speed: of the water; None takes 20 sqrt(g height).
+        density, sound_speed: of the water; None takes ten times the speed with which its top reaches the floor.
         smoothing: smoothing length in spacings.
         effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.05)`.
         law: elastic law; None takes `StVenantKirchhoff()`.
@@ -200,7 +204,7 @@ def falling_column_on_beam(
         "water",
         box((place - 0.5 * width, 0.0), (width, height), spacing, dtype=dtype),
         density=density,
-        sound_speed=20 * math.sqrt(GRAVITY * height) if sound_speed is None else sound_speed,
+        sound_speed=10 * math.sqrt(2 * GRAVITY * (drop + height - floor)) if sound_speed is None else sound_speed,
         velocity=(0.0, -math.sqrt(2 * GRAVITY * drop)),
     )
     common = [DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(0.05)]
