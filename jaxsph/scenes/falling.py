@@ -52,8 +52,8 @@ def falling_spheres(
         poisson_ratio: of the spheres.
         depth: of the water [m].
         inside: of the tank (d,) [m]; None takes 2 m x 2 m, in 3D 1 m x 1 m x 1.6 m. Water must not spill over.
-        density, sound_speed, viscosity: of the water; a sound speed of None is ten times the larger of sqrt(g depth) and
-            the fastest sphere's speed at the surface.
+        density, sound_speed, viscosity: of the water; a sound speed of None is ten times the larger of sqrt(g depth)
+            and the speed of the fastest sphere at the surface.
         smoothing: smoothing length in spacings.
         effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.1)`, `Contact()`.
         law: elastic law; None takes `NeoHookean()`.
