@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxsph.effects import DensityDiffusion, ParticleShifting
 from jaxsph.fluid import Fluid
-from jaxsph.geometry import box
+from jaxsph.geometry import box, jitter
 from jaxsph.kernels import QuinticSpline
 from jaxsph.neighbors import Domain
 from jaxsph.scene import Scene
@@ -20,7 +20,9 @@ def taylor_green(
     reynolds: float = 100.0,
     dimension: int = 2,
     sound_speed: float = 10.0,
+    disorder: float = 0.0,
     effects: Sequence | None = None,
+    density=None,
     dtype=None,
 ) -> Scene:
     """Vortices that decay by viscosity in the periodic unit square or cube; length, velocity and density are 1.
@@ -33,7 +35,9 @@ def taylor_green(
         reynolds: Re = U L / nu.
         dimension: 2 or 3.
         sound_speed: [m/s].
+        disorder: by how many spacings the particles of the start are moved at random, at most, along each axis.
         effects: None takes `DensityDiffusion(0.1)` and `ParticleShifting(1.0)`.
+        density: calculator; None takes `ContinuityDensity()`.
         dtype: float32 or float64; None takes jax's default.
 
     Raises ValueError for less than 8 particles or another dimension.
@@ -53,9 +57,10 @@ def taylor_green(
         plane = np.cos(2 * k * x[:, 0]) + np.cos(2 * k * x[:, 1])
         return -0.25 * plane if dimension == 2 else -plane * (np.cos(2 * k * x[:, 2]) + 2) / 16
 
+    lattice = box(lower, upper, spacing, dtype=dtype)
     water = Fluid(
         "water",
-        box(lower, upper, spacing, dtype=dtype),
+        jitter(lattice, disorder, seed=1) if disorder else lattice,
         density=1.0,
         sound_speed=sound_speed,
         viscosity=1.0 / reynolds,
@@ -67,6 +72,7 @@ def taylor_green(
     return Scene(
         water,
         effects=effects,
+        density=density,
         kernel=QuinticSpline(),
         smoothing_length=spacing,
         domain=Domain(lower, upper, periodic=True),

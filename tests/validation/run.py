@@ -28,14 +28,31 @@ import gradient  # noqa: E402
 import motion  # noqa: E402
 import patch  # noqa: E402
 import pulse  # noqa: E402
+import schemes  # noqa: E402
 import spheres  # noqa: E402
 import static  # noqa: E402
 import surfaces  # noqa: E402
+import time_step  # noqa: E402
 import viscosity_fits  # noqa: E402
 from rows import Case, as_record, heading, holds, line, load, merge, save  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
-GROUPS = (patch, static, motion, pulse, gradient, fits, viscosity_fits, cost, flows, surfaces, coupled, spheres)
+GROUPS = (
+    patch,
+    static,
+    motion,
+    pulse,
+    gradient,
+    fits,
+    viscosity_fits,
+    cost,
+    flows,
+    surfaces,
+    coupled,
+    spheres,
+    schemes,
+    time_step,
+)
 CASES: list[Case] = [case for group in GROUPS for case in group.CASES]
 
 

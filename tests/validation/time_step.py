@@ -1,0 +1,77 @@
+"""F35: the largest stable time step of a fluid over h / c, by running into it.
+
+The number of steps between two saves is the same for every step size, so that a scene is compiled once; neighbor lists
+are built equally often. `simulate` refuses steps beyond its limit, so here the limit is lifted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import jax
+import numpy as np
+from rows import Case, Row, precision
+
+import jaxsph
+from jaxsph import dynamics
+
+FACTORS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.1, 1.2, 1.4, 1.6)
+STEPS = 16  # between two saves
+GAIN = 0.01  # of the energy that can move: nothing puts any in, and the error of a stable step is below a thousandth
+
+
+def scenes(dtype) -> dict:
+    """By name a scene, how long it runs [s], and the energy that can move [J/m]."""
+    vortex = jaxsph.scenes.taylor_green(24, dtype=dtype)
+    dam = jaxsph.scenes.dam_break(16, dtype=dtype)
+    still = jaxsph.scenes.still_water(16, dtype=dtype)
+    # nothing that could damp an instability
+    bare = jaxsph.scenes.oscillating_drop(12, frequency=0.0, rate=1.0, effects=[], dtype=dtype)
+    return {
+        "Taylor-Green vortex": (vortex, 0.5, 0.25),
+        "dam break": (dam, 0.8, 1000 * 9.81 * 1.2 * 0.6**2 / 2),
+        "still water": (still, 1.0, 1000 * 9.81 * 0.9**2 / 2 * 0.01),
+        "stretching drop, no effects": (bare, 1.0, 1000 * np.pi / 4),
+    }
+
+
+def gained(scene, t_end: float, size: float, factor: float) -> float:
+    """The largest gain of energy over the start, in units of size, with steps of factor h / c; inf if it blew up."""
+    time_step = factor * float(scene.smoothing_length) / float(scene["water"].sound_speed)
+    every = STEPS * time_step
+    saves = int(np.ceil(t_end / every))
+    # as many steps between builds whatever their size: enough for a tenth of the sound speed at the largest
+    fastest = 0.1 * float(scene["water"].sound_speed) * max(FACTORS) / factor
+    measure = jax.jit(jax.vmap(lambda scene, s: jaxsph.observe.energies(scene, s)["total"], (None, 0)))
+    try:
+        run = jaxsph.simulate(scene, saves * every, every, time_step=time_step * (1 + 1e-6), max_speed=fastest)
+    except jaxsph.SimulationError:
+        return float("inf")
+    total = np.asarray(measure(scene, run.states), float)
+    return float(np.max(total - total[0])) / size
+
+
+def largest_stable(quick: bool) -> Iterator[list[Row]]:
+    """The largest factor up to which no energy is gained, and the limit that `simulate` keeps over it."""
+    kept, dtype = dynamics.SOUND_LIMIT, np.float64
+    dynamics.SOUND_LIMIT = 10.0
+    jax.clear_caches()  # the limit is compiled in
+    try:
+        for name, (scene, t_end, size) in list(scenes(dtype).items())[: 1 if quick else None]:
+            stable = 0.0
+            for factor in FACTORS:
+                gain = gained(scene, t_end, size, factor)
+                print(f"  {name}: dt = {factor:.2g} h / c gains {gain:+.2%}", flush=True)
+                if not gain < GAIN:
+                    break
+                stable = factor
+            yield [
+                Row("largest stable c dt / h", stable, None, name, precision(dtype)),
+                Row("limit of simulate / largest stable", kept / stable, 1.0, name, precision(dtype)),
+            ]
+    finally:
+        dynamics.SOUND_LIMIT = kept
+        jax.clear_caches()
+
+
+CASES = [Case("F35", "Time step of a fluid", largest_stable)]
