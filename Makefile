@@ -7,12 +7,13 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 PINS := pyproject.toml constraints.txt
 
-.PHONY: help calibrate test validate bench accuracy docs lint format clean
+.PHONY: help calibrate test test-slow validate bench accuracy docs lint format clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make calibrate   fit Young's modulus of the Turek-Hron beam; results in out/"
 	@echo "make test        run the tests"
+	@echo "make test-slow   run the tests that make test leaves out: half an hour"
 	@echo "make validate    run every validation; writes docs/results/validation.json"
 	@echo "make bench       measure speed, ours beside others; writes docs/results/benchmark.json"
 	@echo "make accuracy    what accuracy costs in time; writes docs/accuracy.md and its pictures"
@@ -30,6 +31,9 @@ test: $(VENV)/.dev
 validate: $(VENV)/.dev
 	@mkdir -p docs/results
 	$(BIN)/python tests/validation/run.py $(ARGS)
+
+test-slow: $(VENV)/.dev
+	$(BIN)/python -m pytest --numprocesses auto --dist load -m slow $(ARGS)
 
 bench: $(VENV)/.bench
 	@mkdir -p docs/results

@@ -36,11 +36,11 @@ def test_a_free_drop_keeps_its_linear_momentum(dtype, limit):
     "name, scene, t_end",
     [
         ("stretching drop", stretching_drop, 1.0),
-        ("stretching drop, no effects", lambda: stretching_drop(effects=[]), 1.0),
+        pytest.param("stretching drop, no effects", lambda: stretching_drop(effects=[]), 1.0, marks=pytest.mark.slow),
         ("dam break", lambda: jaxsph.scenes.dam_break(10, tank_height=1.2), 1.0),
-        ("still water", lambda: jaxsph.scenes.still_water(10), 3.0),
-        ("rotating square", lambda: jaxsph.scenes.rotating_square(20), 2.0),
-        ("Taylor-Green vortex", lambda: jaxsph.scenes.taylor_green(16), 0.5),
+        pytest.param("still water", lambda: jaxsph.scenes.still_water(10), 3.0, marks=pytest.mark.slow),
+        pytest.param("rotating square", lambda: jaxsph.scenes.rotating_square(20), 2.0, marks=pytest.mark.slow),
+        pytest.param("Taylor-Green vortex", lambda: jaxsph.scenes.taylor_green(16), 0.5, marks=pytest.mark.slow),
     ],
 )
 def test_energy_does_not_grow(name, scene, t_end):

@@ -26,6 +26,7 @@ def example(tmp_path):
     return run
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["falling_spheres", "falling_rigid_spheres"])
 def test_spheres_fall_freely_until_they_meet_the_water(example, name):
     run = example(name, spacing=0.1, t_end=0.2)

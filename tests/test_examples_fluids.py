@@ -55,6 +55,7 @@ def test_taylor_green(example, dimension, particles):
     assert np.linalg.norm(observe.linear_momentum(run.scene, run.final)) < 1e-3
 
 
+@pytest.mark.slow
 def test_poiseuille_and_couette(example):
     runs = example("poiseuille_couette", particles=10, t_end=0.8)
     top = 1.25e-5
@@ -66,12 +67,14 @@ def test_poiseuille_and_couette(example):
     np.testing.assert_allclose(u, top * y / 1e-3, atol=0.01 * top)
 
 
+@pytest.mark.slow
 def test_lid_driven_cavity(example):
     run = example("lid_driven_cavity", particles=12, t_end=0.5)
     assert_inside(run, (0, 0), (1, 1))
     np.testing.assert_allclose(volume(run), 1.0, rtol=1e-6)  # a closed box keeps it after every step
 
 
+@pytest.mark.slow
 def test_still_water(example):
     runs = example("still_water", particles=8, t_end=0.2)
     for run, width in ((runs["tank"], 9 * 0.9 / 8), (runs["column"], 2 * 0.9 / 8)):
@@ -80,7 +83,7 @@ def test_still_water(example):
         np.testing.assert_allclose(volume(run), volume(run)[0], rtol=0.01)
 
 
-@pytest.mark.parametrize("depth", [None, 0.073])
+@pytest.mark.parametrize("depth", [None, pytest.param(0.073, marks=pytest.mark.slow)])
 def test_dam_break(example, depth):
     run = example("dam_break", particles=8 if depth else 12, t_end=0.2, depth=depth)
     sides = (4 * 0.146,) if depth is None else (4 * 0.146, depth)
@@ -91,6 +94,7 @@ def test_dam_break(example, depth):
     assert 0.3 < front < 0.146 + 2 * np.sqrt(9.81 * 0.292) * 0.2  # not faster than a dry bed allows
 
 
+@pytest.mark.slow
 def test_dam_break_gate(example):
     run = example("dam_break_gate", spacing=0.025, t_end=0.12)
     assert_inside(run, (0, 0), (0.8,))
@@ -101,6 +105,7 @@ def test_dam_break_gate(example):
     assert early[..., 0].max() < 0.2 + 3 * 0.025
 
 
+@pytest.mark.slow
 def test_moving_wall(example):
     run = example("moving_wall", particles=6, t_end=1.0)
     assert_inside(run, (0, 0), (4.0,))
@@ -128,6 +133,7 @@ def test_rotating_square(example):
     np.testing.assert_allclose(volume(run), 1.0, rtol=2e-3)
 
 
+@pytest.mark.slow
 def test_standing_wave(example):
     run = example("standing_wave", particles=10, t_end=2.4)
     assert_inside(run, (0, 0), (1.0,))
@@ -137,6 +143,7 @@ def test_standing_wave(example):
     assert 0.3 < kinetic[period] / kinetic[0] < np.exp(-0.4946 * 1.134) + 0.1
 
 
+@pytest.mark.slow
 def test_falling_column(example):
     run = example("falling_column", particles=12, t_end=0.2)
     assert_inside(run, (0, 0), (1.0,))

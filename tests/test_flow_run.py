@@ -88,6 +88,7 @@ def test_float32_is_close_to_float64():
         assert np.abs(single[field] - double[field]).max() < tolerance * np.abs(double[field]).max(), field
 
 
+@pytest.mark.slow
 def test_small_steps_go_to_what_diffrax_finds():
     """Second order: a quarter of the error with half the step."""
     scene = column(effects=[], velocity=(0.2, 0.0))
@@ -103,6 +104,7 @@ def test_small_steps_go_to_what_diffrax_finds():
     assert errors[1][0] < 1e-5 * 0.3 and errors[1][1] < 0.1
 
 
+@pytest.mark.slow
 def test_small_steps_go_to_what_diffrax_finds_for_shifted_particles():
     """First order: a step takes the shift of the one before, the solver that of the moment."""
     flow = lambda x: np.stack([np.sin(2 * np.pi * x[:, 1]), np.zeros(len(x))], axis=1)  # noqa: E731

@@ -34,6 +34,7 @@ def test_too_little_room_is_enlarged_in_a_plain_run_and_an_error_under_jit(scene
         jax.block_until_ready(jax.jit(of)(1.0))
 
 
+@pytest.mark.slow
 def test_faster_than_stated(scene):
     """A plain run builds its lists more often by itself; a compiled one cannot, and says so."""
     fast = scene.replace({"water.velocity": (5.0, 0.0)})

@@ -11,15 +11,19 @@ VORTICES = {
     "edac averaged": (sph.EDAC(averaged_pressure=True), [sph.ParticleShifting(1.0, 0.2)]),
 }
 
+SLOW = {"edac averaged"}
 
-@pytest.mark.parametrize("which", VORTICES)
+
+@pytest.mark.parametrize("which", [pytest.param(w, marks=pytest.mark.slow) if w in SLOW else w for w in VORTICES])
 def test_vortex(which):
     check(Case(vortex(*VORTICES[which])))
 
 
+@pytest.mark.slow
 def test_edac_column_in_a_tank():
     check(Case(column(sph.EDAC(free_surface=True), [])))
 
 
+@pytest.mark.slow
 def test_filtered_column_in_a_tank():
     check(Case(column(sph.ContinuityDensity(), [sph.ShepardFilter(16)])))

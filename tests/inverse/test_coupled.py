@@ -16,6 +16,7 @@ from struck_plate import MIDDLE, THICKNESS, struck_plate  # pyright: ignore[repo
 NAME = "plate.youngs_modulus"
 
 
+@pytest.mark.slow
 def test_modulus_of_a_struck_plate():
     scene = struck_plate()
     start = float(scene["plate"].youngs_modulus)

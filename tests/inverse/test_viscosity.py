@@ -34,6 +34,7 @@ def test_twin_without_noise(example, tmp_path):
     assert (tmp_path / "calibrate_viscosity.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_derivatives_agree_and_lists_have_room(example):
     flow = example.vortices(12, t_end=0.12, every=0.01)
     data = inverse.Observations(flow.times, flow.series())
