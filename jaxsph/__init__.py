@@ -20,6 +20,7 @@ from jaxsph.effects import (  # noqa: E402
     ShepardFilter,
     TensileControl,
     TransportVelocity,
+    WallRepulsion,
 )
 from jaxsph.errors import (  # noqa: E402
     NeighborOverflow,
@@ -121,6 +122,7 @@ __all__ = [
     "UnstableTimeStep",
     "Wall",
     "WallContinuity",
+    "WallRepulsion",
     "WallSummation",
     "WendlandC2",
     "WendlandC4",

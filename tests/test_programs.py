@@ -59,6 +59,7 @@ CALLED_FOR = {
     "shifting": (lambda: bare(sph.ParticleShifting()), [OF_FLUID] * 3, {"shift": (2, N)}),
     "transport velocity": (lambda: bare(sph.TransportVelocity()), [OF_FLUID] * 3, {"shift": (2, N)}),
     "tensile control": (lambda: bare(sph.TensileControl()), [], {"cover": (N,)}),
+    "wall repulsion": (lambda: bare(sph.WallRepulsion()), [], {}),
     "body force": (lambda: bare(sph.BodyForce(swaying)), [], {}),
     # the velocity of fluid, at fluid and at wall, and with which the wall answers
     "no slip": (lambda: bare(viscosity=1.0), [OF_FLUID, OF_FLUID, OF_FLUID_AT_WALL], {}),

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from fluids import SMOOTHING, AllPairs, assert_equal, periodic, stirred, sums
+from fluids import SMOOTHING, AllPairs, assert_equal, column, periodic, stirred, sums
 
 import jaxsph as sph
 from jaxsph.dynamics import place_boundaries, positions_of, prepare
@@ -215,3 +215,46 @@ def test_shepard_filter_acts_once_in_so_many_steps():
     steps = np.arange(0, 101, 4)
     due = np.asarray(sph.ShepardFilter(10).due(steps, 4))
     np.testing.assert_array_equal(steps[due], [12, 20, 32, 40, 52, 60, 72, 80, 92, 100])
+
+
+def test_repulsion_of_walls_is_between_fluid_and_walls_only_and_ends_at_one_spacing():
+    """-V_a V_w rho_a c^2 max(W / W(dx) - 1, 0)^2 grad W beside what there is without it."""
+    plain, repelled = column(effects=[]), column(effects=[sph.WallRepulsion(0.5)])
+    state = stirred(plain)
+    accelerations = [sums(s, sph.topologies(s), state.systems)["water"]["acceleration"] for s in (plain, repelled)]
+    x, walls = np.asarray(state.systems["water"]["position"]), np.asarray(plain["tank"].particles.positions)
+    h = float(plain.smoothing_length)
+    across = AllPairs(x, walls, h)
+    rho = 1000 + np.asarray(state.systems["water"]["density_deviation"])
+    mass = float(plain["water"].mass())
+    at_spacing = float(plain.kernel.w(jnp.array([0.05, 0.0]), h))
+    crowded = np.maximum(across.w / at_spacing - 1, 0)
+    distance = np.linalg.norm(x[:, None] - walls, axis=2)
+    assert 5 < np.sum(crowded > 0) == np.sum(distance < 0.05), "some are closer than a spacing"
+    pressure = 0.5 * rho[:, None] * 20.0**2 * crowded**2
+    force = -np.sum((mass / rho[:, None] * 0.05**2 * pressure)[..., None] * across.gradient, axis=1)
+    # the difference of two accelerations of 1e2 m/s^2
+    np.testing.assert_allclose(mass * np.asarray(accelerations[1] - accelerations[0]), force, atol=1e-12 * mass * 1e4)
+
+
+def test_a_sheet_that_is_drawn_out_stays_on_the_wall_that_repels_it():
+    """One layer on a floor, drawn out to twice its length: its volume would have it at a quarter of a spacing."""
+    spacing, lowest = 0.05, {}
+    sheet = box((-0.5, 0), (1.0, spacing), spacing)
+    floor = box((-1.5, -4 * spacing), (3.0, 4 * spacing), spacing)
+    for name, effects in {"plain": [], "repelled": [sph.WallRepulsion()]}.items():
+        water = sph.Fluid(
+            "water", sheet, 1000.0, 20.0, velocity=lambda x: np.stack([2.0 * x[:, 0], 0 * x[:, 0]], axis=1)
+        )
+        walls = sph.Wall("floor", floor, sph.AdamiExtrapolation(clip=True))
+        scene = sph.Scene(
+            water,
+            walls,
+            gravity=(0.0, -9.81),
+            effects=[sph.DeltaDiffusion(0.1), *effects],
+            domain=sph.Domain((-3, -1), (3, 1)),
+        )
+        run = sph.simulate(scene, 0.5, 0.05)
+        lowest[name] = float(np.asarray(run["water"]["position"])[..., 1].min()) / spacing
+    print(lowest)
+    assert lowest["plain"] < 0.2 < 0.3 < lowest["repelled"]

@@ -25,5 +25,11 @@ def test_edac_column_in_a_tank():
 
 
 @pytest.mark.slow
+def test_column_that_walls_repel():
+    """Of particles with a jitter of a tenth of a spacing some are closer to the wall's than a spacing."""
+    check(Case(column(sph.ContinuityDensity(), [sph.DeltaDiffusion(0.1), sph.WallRepulsion(0.5)])))
+
+
+@pytest.mark.slow
 def test_filtered_column_in_a_tank():
     check(Case(column(sph.ContinuityDensity(), [sph.ShepardFilter(16)])))

@@ -11,6 +11,7 @@ from jaxsph.effects.penalty import PenaltyForce
 from jaxsph.effects.shepard_filter import ShepardFilter
 from jaxsph.effects.shifting import ParticleShifting, Shifting, TransportVelocity
 from jaxsph.effects.tensile_control import TensileControl
+from jaxsph.effects.wall_repulsion import WallRepulsion
 
 __all__ = [
     "ArtificialViscosity",
@@ -27,4 +28,5 @@ __all__ = [
     "Shifting",
     "TensileControl",
     "TransportVelocity",
+    "WallRepulsion",
 ]

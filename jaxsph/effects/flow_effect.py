@@ -14,6 +14,9 @@ class FlowEffect:
     with_walls: ClassVar[bool] = True
     """Whether it acts between fluid and wall particles too."""
 
+    only_walls: ClassVar[bool] = False
+    """Whether its force acts between fluid and walls only."""
+
     symmetric: ClassVar[bool] = True
     """Whether its force is antisymmetric in a and b. If one effect's is not, gradients of a run cost more."""
 

@@ -14,6 +14,7 @@ from jaxsph.effects import (
     ShepardFilter,
     Shifting,
     TensileControl,
+    WallRepulsion,
 )
 from jaxsph.explain import finding
 from jaxsph.explain.facts import Facts
@@ -92,6 +93,8 @@ def _effect(facts, effect):
         return Finding(name, "keeps particles evenly spread, on which every sum relies", source=finding.DISORDER)
     if isinstance(effect, TensileControl):
         return Finding(name, "keeps particles under negative pressure from clumping", source=finding.TENSILE)
+    if isinstance(effect, WallRepulsion):
+        return Finding(name, "keeps sheets of fluid thinner than a spacing from sinking into walls")
     if isinstance(effect, PenaltyForce):
         return Finding(name, "resists displacements that alternate from particle to particle", source=finding.PENALTY)
     if isinstance(effect, Contact):
