@@ -218,8 +218,11 @@ def test_shepard_filter_acts_once_in_so_many_steps():
 
 
 def test_repulsion_of_walls_is_between_fluid_and_walls_only_and_ends_at_one_spacing():
-    """-V_a V_w rho_a c^2 max(W / W(dx) - 1, 0)^2 grad W beside what there is without it."""
-    plain, repelled = column(effects=[]), column(effects=[sph.WallRepulsion(0.5)])
+    """-V_a V_w rho_a c^2 max(W / W(dx) - 1, 0)^2 grad W beside what there is without it.
+
+    At a wall without pressure, whose density is then that of rest.
+    """
+    plain, repelled = (column(effects=e, pressure=sph.PressureZeroing()) for e in ([], [sph.WallRepulsion(0.5)]))
     state = stirred(plain)
     accelerations = [sums(s, sph.topologies(s), state.systems)["water"]["acceleration"] for s in (plain, repelled)]
     x, walls = np.asarray(state.systems["water"]["position"]), np.asarray(plain["tank"].particles.positions)
@@ -237,6 +240,7 @@ def test_repulsion_of_walls_is_between_fluid_and_walls_only_and_ends_at_one_spac
     np.testing.assert_allclose(mass * np.asarray(accelerations[1] - accelerations[0]), force, atol=1e-12 * mass * 1e4)
 
 
+@pytest.mark.slow
 def test_a_sheet_that_is_drawn_out_stays_on_the_wall_that_repels_it():
     """One layer on a floor, drawn out to twice its length: its volume would have it at a quarter of a spacing."""
     spacing, lowest = 0.05, {}
@@ -256,5 +260,6 @@ def test_a_sheet_that_is_drawn_out_stays_on_the_wall_that_repels_it():
         )
         run = sph.simulate(scene, 0.5, 0.05)
         lowest[name] = float(np.asarray(run["water"]["position"])[..., 1].min()) / spacing
-    print(lowest)
-    assert lowest["plain"] < 0.2 < 0.3 < lowest["repelled"]
+    print(f"lowest middle of a particle in spacings: {lowest}")
+    # a quarter of a spacing is the middle of a sheet of half a spacing; without the force it is in the floor's surface
+    assert lowest["plain"] < 0.1 < 0.25 < lowest["repelled"]
