@@ -1,10 +1,10 @@
 """The examples of fluids run, small and short, and what they return is physical."""
 
-import importlib.util
 from pathlib import Path
 
 import numpy as np
 import pytest
+from examples_of import runner
 
 from jaxsph import observe
 
@@ -13,19 +13,7 @@ FOLDER = Path(__file__).parents[1] / "examples" / "fluids"
 
 @pytest.fixture
 def example(tmp_path):
-    """Runs the main function of an example, with its picture in a temporary folder that must then hold one."""
-
-    def run(name, **options):
-        spec = importlib.util.spec_from_file_location(f"example_{name}", FOLDER / f"{name}.py")
-        assert spec is not None and spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        picture = tmp_path / "pictures" / f"{name}.png"
-        result = module.main(**options, picture=str(picture))
-        assert picture.read_bytes().startswith(b"\x89PNG")
-        return result
-
-    return run
+    return runner(FOLDER, tmp_path)
 
 
 def volume(run):

@@ -6,21 +6,16 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
-from jaxsph.effects import ArtificialViscosity, DeltaDiffusion, PenaltyForce
 from jaxsph.fluid import Fluid
-from jaxsph.geometry import Particles, box, tank
+from jaxsph.geometry import box, tank
 from jaxsph.materials import StVenantKirchhoff
-from jaxsph.neighbors import Domain
 from jaxsph.pytree import replace
 from jaxsph.scene import Scene
 from jaxsph.scenes.moving import dam_break_gate
+from jaxsph.scenes.plate_parts import plate_scene, rooted_plate, without
 from jaxsph.scenes.tank_flow import GRAVITY, LAYERS
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, Wall
-
-PENALTY = 0.05
 
 
 def dam_break_plate(
@@ -83,8 +78,8 @@ def dam_break_plate(
         pressure=AdamiExtrapolation(clip=True),
         thickness=thickness,
     )
-    basin = Wall("tank", _without(walls, body), AdamiExtrapolation(clip=True), no_slip=False)
-    return _scene(water, basin, plate, effects=effects, smoothing=smoothing * spacing, inside=inside)
+    basin = Wall("tank", without(walls, body), AdamiExtrapolation(clip=True), no_slip=False)
+    return plate_scene(water, basin, plate, effects=effects, smoothing=smoothing * spacing, inside=inside)
 
 
 def water_column_on_plate(
@@ -142,7 +137,7 @@ def water_column_on_plate(
         thickness=thickness,
     )
     walls = Wall("tank", sides, no_slip=False)
-    return _scene(water, walls, plate, effects=effects, smoothing=smoothing * spacing, inside=inside)
+    return plate_scene(water, walls, plate, effects=effects, smoothing=smoothing * spacing, inside=inside)
 
 
 def dam_break_gate_plate(
@@ -190,120 +185,7 @@ def dam_break_gate_plate(
         pressure=AdamiExtrapolation(clip=True),
         thickness=thickness,
     )
-    basin = replace(dam["tank"], particles=_without(dam["tank"].particles, body))
-    return _scene(
+    basin = replace(dam["tank"], particles=without(dam["tank"].particles, body))
+    return plate_scene(
         dam["water"], basin, dam["gate"], plate, effects=effects, smoothing=smoothing * spacing, inside=(0.8, 0.8)
-    )
-
-
-def elastic_gate(
-    particles: int = 40,
-    across: int = 5,
-    *,
-    youngs_modulus: float = 7.8e6,
-    poisson_ratio: float = 0.47,
-    gate_density: float = 1100.0,
-    density: float = 1000.0,
-    sound_speed: float | None = None,
-    width: float = 0.1,
-    height: float = 0.14,
-    thickness: float = 0.005,
-    length: float = 0.079,
-    outside: float = 0.4,
-    smoothing: float = 1.75,
-    effects: Sequence | None = None,
-    law: Any = None,
-    dtype=None,
-) -> Scene:
-    """A tank of water that flows out below a rubber gate, which is clamped at its top and bends.
-
-    C. Antoci, M. Gallati, S. Sibilla (2007), Comput. Struct. 85, 879: the gate of 79 mm x 5 mm is the lower end of the
-    right side of a tank, .1 m wide and filled to .14 m. They took E = 12 MPa from a test of the rubber; 7.8 MPa is in
-    use for laws that do not stiffen.
-
-    Args:
-        particles: over the width of the water.
-        across: particles over the thickness of the gate, the outermost on its surfaces.
-        youngs_modulus: of the gate [Pa].
-        poisson_ratio: of the gate.
-        gate_density: [kg/m^3].
-        density, sound_speed: of the water; a sound speed of None is 10 sqrt(2 g height).
-        width, height: of the water [m].
-        thickness, length: of the gate [m].
-        outside: length of the floor behind the gate [m].
-        smoothing: smoothing length in spacings of the water.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.05)`.
-        law: elastic law; None takes `StVenantKirchhoff()`.
-        dtype: float32 or float64; None takes jax's default.
-    """
-    spacing = width / particles
-    height = round(height / spacing) * spacing
-    water = Fluid(
-        "water",
-        box((0, 0), (width, height), spacing, dtype=dtype),
-        density=density,
-        sound_speed=10 * math.sqrt(2 * GRAVITY * height) if sound_speed is None else sound_speed,
-        pressure=lambda x: density * GRAVITY * (height - x[:, 1]),
-    )
-    # The gate hangs from y = length, with held rows above; upside down it is a rooted plate.
-    body, _ = rooted_plate(width, thickness, length, across, dtype)
-    upright = body.positions * np.array([1.0, -1.0]) + np.array([0.0, length])
-    body = Particles(upright.astype(body.positions.dtype), body.volumes, body.spacing)
-    gate = Structure(
-        "gate",
-        body,
-        density=gate_density,
-        youngs_modulus=youngs_modulus,
-        poisson_ratio=poisson_ratio,
-        clamped=lambda x: x[:, 1] > length - 0.01 * thickness / across,
-        law=StVenantKirchhoff() if law is None else law,
-        pressure=AdamiExtrapolation(clip=True),
-        thickness=thickness,
-    )
-    top = round(1.2 * height / spacing) * spacing
-    deep = LAYERS * spacing
-    left_and_floor = tank((0, 0), (width, top), spacing, LAYERS, sides=["left", "bottom"], dtype=dtype)
-    floor = box((width, -deep), (round(outside / spacing) * spacing, deep), spacing, dtype=dtype)
-    right = box((width, 0.0), (deep, top), spacing, dtype=dtype)
-    right = right.where(right.positions[:, 1] > length)
-    basin = Wall("tank", _without(left_and_floor | floor | right, body), AdamiExtrapolation(clip=True), no_slip=False)
-    inside = (width + outside, 4 * top)  # what flows off the floor falls
-    return _scene(water, basin, gate, effects=effects, smoothing=smoothing * spacing, inside=inside)
-
-
-def rooted_plate(place: float, thickness: float, length: float, across: int, dtype=None) -> tuple[Particles, Any]:
-    """An upright plate on the floor y = 0, from x = place, and which of its particles are its root in the floor.
-
-    The face y = 0 is held, and behind it as many rows as a structure's neighbors reach.
-    """
-    spacing = thickness / (across - 1)
-    rows = round(length / spacing)
-    step, deep = length / rows, 3
-    body = box((place, -deep * spacing), (thickness, (rows + deep) * spacing), spacing, on_surface=True, dtype=dtype)
-    stretch = np.array([1.0, step / spacing])  # the length need not be a multiple of the spacing
-    positions, volumes = body.positions * stretch, body.volumes * stretch[1]
-    body = Particles(positions.astype(body.positions.dtype), volumes.astype(body.volumes.dtype), spacing)
-    return body, lambda x: x[:, 1] < 0.01 * step
-
-
-def _without(walls: Particles, body: Particles) -> Particles:
-    """Particles of a wall that are not inside the box around a body."""
-    low, high = np.min(body.positions, axis=0), np.max(body.positions, axis=0)
-    margin = 1e-6 * (high - low)
-    return walls.where(~np.all((walls.positions > low + margin) & (walls.positions < high - margin), axis=1))
-
-
-def _scene(*systems, effects, smoothing, inside, gravity=None):
-    d = systems[0].dimension
-    if gravity is None:
-        gravity = np.zeros(d)
-        gravity[-1] = -GRAVITY
-    reach = 2.0 * np.asarray(inside)
-    default = [DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(PENALTY)]
-    return Scene(
-        *systems,
-        gravity=gravity,
-        effects=default if effects is None else effects,
-        smoothing_length=smoothing,
-        domain=Domain(-reach, 2 * reach),
     )

@@ -1,0 +1,52 @@
+"""What the scenes of plates in water share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from jaxsph.effects import ArtificialViscosity, DeltaDiffusion, PenaltyForce
+from jaxsph.geometry import Particles, box
+from jaxsph.neighbors import Domain
+from jaxsph.scene import Scene
+from jaxsph.scenes.tank_flow import GRAVITY
+
+PENALTY = 0.05
+
+
+def rooted_plate(place: float, thickness: float, length: float, across: int, dtype=None) -> tuple[Particles, Any]:
+    """An upright plate on the floor y = 0, from x = place, and which of its particles are its root in the floor.
+
+    The face y = 0 is held, and behind it as many rows as a structure's neighbors reach.
+    """
+    spacing = thickness / (across - 1)
+    rows = round(length / spacing)
+    step, deep = length / rows, 3
+    body = box((place, -deep * spacing), (thickness, (rows + deep) * spacing), spacing, on_surface=True, dtype=dtype)
+    stretch = np.array([1.0, step / spacing])  # the length need not be a multiple of the spacing
+    positions, volumes = body.positions * stretch, body.volumes * stretch[1]
+    body = Particles(positions.astype(body.positions.dtype), volumes.astype(body.volumes.dtype), spacing)
+    return body, lambda x: x[:, 1] < 0.01 * step
+
+
+def without(walls: Particles, body: Particles) -> Particles:
+    """Particles of a wall that are not inside the box around a body."""
+    low, high = np.min(body.positions, axis=0), np.max(body.positions, axis=0)
+    margin = 1e-6 * (high - low)
+    return walls.where(~np.all((walls.positions > low + margin) & (walls.positions < high - margin), axis=1))
+
+
+def plate_scene(*systems, effects, smoothing, inside) -> Scene:
+    """Gravity, the effects that such scenes share, and a domain with room for what splashes out."""
+    gravity = np.zeros(systems[0].dimension)
+    gravity[-1] = -GRAVITY
+    reach = 2.0 * np.asarray(inside)
+    default = [DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(PENALTY)]
+    return Scene(
+        *systems,
+        gravity=gravity,
+        effects=default if effects is None else effects,
+        smoothing_length=smoothing,
+        domain=Domain(-reach, 2 * reach),
+    )
