@@ -7,14 +7,15 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 PINS := pyproject.toml constraints.txt
 
-.PHONY: help calibrate test test-slow validate bench accuracy docs lint format clean
+.PHONY: help calibrate test test-slow validate stability bench accuracy docs lint format clean
 .DELETE_ON_ERROR:
 
 help:
 	@echo "make calibrate   fit Young's modulus of the Turek-Hron beam; results in out/"
 	@echo "make test        run the tests"
 	@echo "make test-slow   run the tests that make test leaves out: half an hour"
-	@echo "make validate    run every validation; writes docs/results/validation.json"
+	@echo "make validate    run every validation and every hard case; writes docs/results/*.json"
+	@echo "make stability   run the hard cases alone, the second half of make validate"
 	@echo "make bench       measure speed, ours beside others; writes docs/results/benchmark.json"
 	@echo "make accuracy    what accuracy costs in time; writes docs/accuracy.md and its pictures"
 	@echo "make docs        fill the tables, run the notebook, build the pages in docs/_build"
@@ -28,9 +29,15 @@ calibrate: $(VENV)/.calibrate
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest --numprocesses auto --dist loadfile $(ARGS)
 
+# Both run, whatever the first one finds; with --only the ids are those of the validations.
 validate: $(VENV)/.dev
 	@mkdir -p docs/results
-	$(BIN)/python tests/validation/run.py $(ARGS)
+	@status=0; $(BIN)/python tests/validation/run.py $(ARGS) || status=1; \
+	$(if $(findstring --only,$(ARGS)),,$(BIN)/python tests/stability/run.py $(ARGS) || status=1;) exit $$status
+
+stability: $(VENV)/.dev
+	@mkdir -p docs/results
+	$(BIN)/python tests/stability/run.py $(ARGS)
 
 test-slow: $(VENV)/.dev
 	$(BIN)/python -m pytest --numprocesses auto --dist load -m slow $(ARGS)

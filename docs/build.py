@@ -4,6 +4,7 @@ A page asks for a table with a pair of markers, and everything between them is r
 
     <!-- results:begin validation -->          every row of docs/results/validation.json
     <!-- results:begin validation S03,S05 -->  the rows whose id starts with S03 or S05
+    <!-- results:begin stability H05 -->       rows of docs/results/stability.json, and whether each keeps its limit
     <!-- results:begin benchmark -->           every row of docs/results/benchmark.json
     <!-- results:begin modal -->               every row of docs/results/modal.json
     <!-- results:begin accuracy cavity -->     the runs of a study in docs/results/accuracy.json
@@ -46,6 +47,19 @@ TABLES: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
             ("seconds", "time [s]"),
         ),
         "make validate",
+    ),
+    "stability": (
+        (
+            ("case", "case"),
+            ("figure", "figure"),
+            ("value", "value"),
+            ("limit", "limit"),
+            ("kept", "kept"),
+            ("resolution", "resolution"),
+            ("precision", "precision"),
+            ("seconds", "time [s]"),
+        ),
+        "make stability",
     ),
     "benchmark": (
         (
@@ -127,10 +141,21 @@ def load_rows(name: str, results: Path = RESULTS) -> list[dict[str, Any]]:
     if not isinstance(rows, list):
         raise BuildError(f"{path} holds a {type(rows).__name__}, not a list of rows: run `{command}` again")
     for number, row in enumerate(rows):
+        if name == "stability":
+            row["kept"] = kept(row)
         missing = [key for key in ("id", "machine", *(key for key, _ in columns)) if key not in row]
         if missing:
             raise BuildError(f"{path}, row {number} ({row.get('id', 'no id')}) has no {', '.join(missing)}")
     return rows
+
+
+def kept(row: Mapping[str, Any]) -> str:
+    """Whether a row keeps its limit, nothing if it has none."""
+    if row["value"] is None:
+        return "**no**, not finite"
+    if row["limit"] is None:
+        return ""
+    return "yes" if row["value"] <= row["limit"] else "**no**"
 
 
 def show(value: Any) -> str:

@@ -1,0 +1,61 @@
+"""H07, H11, H12: thin and light plates that water strikes, heavy ones, and a channel of ten particles."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from rows import Case, Row, precision
+from watch import of_structure, rows_of, structure_rows, watch
+
+import jaxsph
+
+HALF, DOUBLE = np.float32, np.float64
+WIDTH, HEIGHT = 0.146, 0.292  # of the column that breaks [m]
+POTENTIAL = 1000 * 9.81 * WIDTH * HEIGHT**2 / 2  # J/m
+
+
+def struck(scene, where: tuple[str, str]) -> list[Row]:
+    """A dam break against a plate, until water has struck it, bent it and gone over it: .6 s."""
+    watched = watch(scene, 0.6, 60, of_structure(scene, "plate"))
+    return rows_of(watched, where, energy=POTENTIAL) + structure_rows(watched, scene, "plate", where)
+
+
+def thin(quick: bool) -> Iterator[list[Row]]:
+    """Plates of two and three particles over the thickness, thinner than the water's support radius."""
+    runs = [(2, HALF), (3, HALF), (2, DOUBLE)]
+    for across, dtype in runs[:1] if quick else runs:
+        scene = jaxsph.scenes.dam_break_plate(10, across, dtype=dtype)
+        yield struck(scene, (f"{across} across", precision(dtype)))
+
+
+def ratios(quick: bool) -> Iterator[list[Row]]:
+    """Plates as dense as water, ten times and a thousand times as dense."""
+    runs = [(1, HALF), (10, HALF), (1000, HALF), (1, DOUBLE)]
+    for ratio, dtype in runs[:1] if quick else runs:
+        scene = jaxsph.scenes.dam_break_plate(10, 3, plate_density=1000.0 * ratio, dtype=dtype)
+        yield struck(scene, (f"3 across, {ratio} : 1", precision(dtype)))
+
+
+def channel(quick: bool) -> Iterator[list[Row]]:
+    """Poiseuille flow of ten particles for ten h^2 / nu: long after it is steady."""
+    height, viscosity, density, top = 1e-3, 1e-3, 1000.0, 1.25e-5
+    for dtype in (HALF,) if quick else (HALF, DOUBLE):
+        scene = jaxsph.scenes.poiseuille(10, height=height, dtype=dtype)
+        watched = watch(scene, 10 * height**2 * density / viscosity, 20)
+        where = ("10 across", precision(dtype))
+        place, speed = (np.asarray(watched.run["water"][k][-1], float) for k in ("position", "velocity"))
+        y = place[:, 1] / height
+        error = np.max(np.abs(speed[:, 0] / top - 4 * y * (1 - y)))
+        yield [
+            *rows_of(watched, where, energy=None),
+            Row("largest |u - exact| / u_max", float(error), None, *where),
+            Row("largest |v| / u_max", float(np.max(np.abs(speed[:, 1])) / top), None, *where),
+        ]
+
+
+CASES = [
+    Case("H07", "Thin plate that a dam break strikes", thin),
+    Case("H11", "Density of the plate : water", ratios),
+    Case("H12b", "Poiseuille flow with 10 particles across, to 10 h^2/nu", channel),
+]

@@ -1,0 +1,69 @@
+"""The hard cases that find most, coarse and short; all of them run in `make validate`."""
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent / "validation"))
+
+import largest_step  # noqa: E402
+from columns import RAMP, gripped  # noqa: E402
+from mistakes import coincident  # noqa: E402
+from rows import Case, Row, as_record, holds  # noqa: E402
+from tension import JET_LENGTH, JET_SPEED, JET_WIDTH, two_jets  # noqa: E402
+from watch import of_structure, rise, rows_of, structure_rows, watch  # noqa: E402
+
+import jaxsph  # noqa: E402
+
+WHERE = ("quick", "float32")
+
+
+def missed(rows: list[Row]) -> list[dict]:
+    """The rows that miss their limit."""
+    case = Case("quick", "quick", lambda quick: iter(()))
+    return [record for record in (as_record(case, row, 0.0) for row in rows) if not holds(record)]
+
+
+def test_jets_that_hit_each_other_lose_energy_and_stay_dense():
+    scene = two_jets(5, np.float32)
+    watched = watch(scene, 0.6, 12)
+    assert not missed(rows_of(watched, WHERE, energy=1000 * JET_LENGTH * JET_WIDTH * JET_SPEED**2))
+    place = np.asarray(watched.run["water"]["position"][-1], float)
+    assert np.abs(place[:, 1]).max() > JET_WIDTH, "they turn aside"
+
+
+def test_a_column_twisted_by_a_turn_is_not_turned_inside_out():
+    scene = gripped(4, np.float32, 0.0, 1.0)
+    watched = watch(scene, 1.2 * RAMP, 12, of_structure(scene, "column"))
+    assert not missed(structure_rows(watched, scene, "column", WHERE)) and not watched.reason
+    held = watched.seen["energy"][11:]
+    assert rise(held) < 1e-3 * held[0]
+
+
+def test_limit_of_a_structures_time_step_is_real():
+    scene = jaxsph.scenes.turek_hron_beam(3, dtype=np.float64)
+    limit = jaxsph.stable_time_step(scene) / jaxsph.dynamics.SAFETY
+    with largest_step.any_step():
+        assert largest_step.gained(scene, 0.1, limit) < largest_step.GAIN
+        assert largest_step.gained(scene, 0.1, 1.1 * limit) > 1
+    with pytest.raises(jaxsph.UnstableTimeStep):
+        jaxsph.simulate(scene, 4 * limit, time_step=1.1 * limit)
+
+
+def test_particles_at_one_place():
+    assert not missed(coincident(np.float64))
+
+
+def test_every_case_is_on_the_page():
+    page = (HERE.parents[1] / "docs" / "stability.md").read_text(encoding="utf-8")
+    asked = [
+        ask.strip() for asks in re.findall(r"results:begin stability ([^>]*?) *-->", page) for ask in asks.split(",")
+    ]
+    listed = [name for path in HERE.glob("*.py") for name in re.findall(r'Case\("(H\w+)"', path.read_text())]
+    assert len(listed) == len(set(listed)) > 12
+    for name in listed:
+        assert any(name.startswith(ask) for ask in asked), f"docs/stability.md has no table with {name}"
