@@ -16,6 +16,7 @@ from jaxsph.effects import BodyForce, Contact, Damping, PenaltyForce
 from jaxsph.flow import FluidReference, WallReference, forces
 from jaxsph.pytree import is_concrete, pytree_dataclass, replace
 from jaxsph.rigid_body import RigidBody, RigidReference, rigid_acceleration, rigid_reference
+from jaxsph.state import State, to_columns
 from jaxsph.structure import Reference, Structure, elastic_acceleration, reference, topology
 from jaxsph.thin_wall import thin_wall
 
@@ -258,8 +259,12 @@ SOUND_LIMIT, VISCOUS_LIMIT = 0.8, 0.25
 SAFETY = 0.9  # of the stable step: the power iteration comes from below, and stretched bodies get stiffer
 
 
-def largest_stable_time_step(scene, references: dict[str, Any], substeps: tuple | None = None):
+def largest_stable_time_step(
+    scene, references: dict[str, Any], substeps: tuple | None = None, columns: dict | None = None
+):
     """Largest stable step [s] of a scene: of its structures, `structure_time_step`; with fluids, `fluid_time_step`.
+
+    columns: by structure the fields of a state, in which they are deformed; None takes the reference configuration.
 
     In a scene with fluids structures take many small steps in one of the fluids: they limit it only if it is known how
     many, substeps = (("plate", 12), ...).
@@ -268,7 +273,8 @@ def largest_stable_time_step(scene, references: dict[str, Any], substeps: tuple 
     for structure in scene.structures:
         steps = 1 if not scene.fluids else dict(substeps or ()).get(structure.name)
         if steps is not None:
-            limit = jnp.minimum(limit, steps * structure_time_step(scene, structure, references[structure.name]))
+            here = None if columns is None else columns[structure.name]["displacement"]
+            limit = jnp.minimum(limit, steps * structure_time_step(scene, structure, references[structure.name], here))
     touching = contact_time_step(scene, references)
     if not scene.fluids:
         # Both act on the same particles in one step: the squares of the frequencies add up.
@@ -292,17 +298,21 @@ def plate_time_step(scene, fluid, structure):
     return jnp.sqrt(ratio * structure.thickness * scene.spacing) / fluid.sound_speed
 
 
-def structure_time_step(scene, structure, ready: Reference):
-    """2 / w_max [s]: the limit of the kick-drift-kick step for the fastest vibration of the reference configuration.
+def structure_time_step(scene, structure, ready: Reference, displacement=None):
+    """2 / w_max [s]: the limit of the kick-drift-kick step for the fastest vibration about a displacement.
 
     The frequency comes from a power iteration on the linearised elastic forces, so it holds for any kernel,
-    arrangement of particles, law and penalty; it is of the order of the spacing over the p-wave speed.
+    arrangement of particles, law and penalty; it is of the order of the spacing over the p-wave speed. Bodies that are
+    stretched by a part of their length vibrate faster.
+
+    displacement: (d, N) [m]; None takes the reference configuration.
     """
     penalty = scene.effect(PenaltyForce)
+    here = jnp.zeros_like(ready.positions) if displacement is None else displacement
 
     def stiffness(direction):
         force = lambda u: elastic_acceleration(structure, ready, u, penalty, forward_mode=True)  # noqa: E731
-        return -ready.moving * jax.jvp(force, (jnp.zeros_like(direction),), (direction,))[1]
+        return -ready.moving * jax.jvp(force, (here,), (direction,))[1]
 
     start = np.random.default_rng(0).standard_normal(ready.positions.shape)
     vector = ready.moving * jnp.asarray(start, ready.positions.dtype)
@@ -350,14 +360,23 @@ def safe(limit: float) -> float:
     return SAFETY * limit
 
 
-def stable_time_step(scene, found: dict[str, Any] | None = None) -> float:
+def stable_time_step(scene, found: dict[str, Any] | None = None, state: State | None = None) -> float:
     """The time step [s] that `simulate` takes by default: .9 of the largest stable one.
 
     With fluids that is theirs; `stable_substeps` says into how many steps structures divide it.
 
+    state: whose deformation decides, of a scene without fluids; None takes the reference configuration, as `simulate`
+        does. For a run in which bodies stretch by much, the step of its most stretched state is the one to pass.
+
     Raises ValueError if no particle can move, or nothing limits the step.
     """
-    return safe(largest_stable(scene, topologies(scene) if found is None else found))
+    found = topologies(scene) if found is None else found
+    limit = largest_stable(scene, found)
+    if state is not None:
+        if scene.fluids:
+            raise ValueError("state= is for scenes without fluids: beside a fluid structures take substeps of its step")
+        limit = float(_limit(scene, found, None, to_columns(state.systems, found)))
+    return safe(limit)
 
 
 def stable_substeps(scene, time_step: float, found: dict[str, Any] | None = None) -> dict[str, int]:
@@ -372,8 +391,8 @@ def stable_substeps(scene, time_step: float, found: dict[str, Any] | None = None
 
 
 @partial(jax.jit, static_argnames="substeps")
-def _limit(scene, found, substeps):
-    return largest_stable_time_step(scene, prepare(scene, found), substeps)
+def _limit(scene, found, substeps, columns=None):
+    return largest_stable_time_step(scene, prepare(scene, found), substeps, columns)
 
 
 @jax.jit

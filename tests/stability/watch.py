@@ -141,7 +141,7 @@ def alternation(structure) -> Callable:
             times = 6 if count >= 7 else 4
             if count < 5:
                 continue
-            windows = np.lib.stride_tricks.sliding_window_view(free, times + 1, axis=axis).all(axis=-1)
+            windows = np.asarray(np.lib.stride_tricks.sliding_window_view(free, times + 1, axis=axis).all(axis=-1))
             part = jnp.abs(jnp.diff(moved, times, axis=axis)) / 2**times
             found = jnp.maximum(found, jnp.max(jnp.where(windows[..., None], part, 0.0)))
         return found
