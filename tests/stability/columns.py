@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,6 +16,8 @@ HALF, DOUBLE = np.float32, np.float64
 WIDTH, LENGTH, RAMP = 1.0, 3.0, 1.0  # m, m, s: a wave of shear takes .15 s along the column
 DENSITY, MODULUS, RATIO = 1000.0, 1e6, 0.3
 SMALLER = 0.6  # of the default step, which is that of the reference configuration
+RUNS = ((HALF, SMALLER, 0.05), (DOUBLE, SMALLER, 0.05), (HALF, 1.0, 0.05), (HALF, SMALLER, 1.0))
+"""Precision, share of the default step, coefficient of the penalty force."""
 
 
 class Grip:
@@ -51,15 +53,14 @@ def gripped(particles: int, dtype, pull: float, turns: float, penalty: float = 0
     return jaxsph.Scene(column, effects=[jaxsph.PenaltyForce(penalty)])
 
 
-def deformed(pull: float, turns: float, quick: bool) -> Iterator[list[Row]]:
+def deformed(pull: float, turns: float, quick: bool, particles: int = 5, runs: Sequence = RUNS) -> Iterator[list[Row]]:
     """Half a second after the ramp: what the energy does while nothing moves the grips. With two steps."""
     saves = 30
-    runs = [(HALF, SMALLER, 0.05), (DOUBLE, SMALLER, 0.05), (HALF, 1.0, 0.05), (HALF, SMALLER, 1.0)]
     for dtype, share, penalty in runs[:1] if quick else runs:
-        scene = gripped(5, dtype, pull, turns, penalty)
+        scene = gripped(particles, dtype, pull, turns, penalty)
         step = share * jaxsph.stable_time_step(scene)
         watched = watch(scene, 1.5 * RAMP, saves, of_structure(scene, "column"), time_step=step)
-        where = (f"5 x 5, {share:g} of the step, penalty {penalty:g}", precision(dtype))
+        where = (f"{particles} x {particles}, {share:g} of the step, penalty {penalty:g}", precision(dtype))
         held = watched.seen["energy"][saves * 2 // 3 + 1 :]
         gain = rise(held) / held[0] if len(held) else np.nan
         yield [
@@ -77,7 +78,17 @@ def twisted(quick: bool) -> Iterator[list[Row]]:
     return deformed(0.0, 1.0, quick)
 
 
+def twisted_finer(quick: bool) -> Iterator[list[Row]]:
+    return deformed(0.0, 1.0, quick, particles=9, runs=RUNS[:1])
+
+
+def half_twisted(quick: bool) -> Iterator[list[Row]]:
+    return deformed(0.0, 0.5, quick, runs=RUNS[:1])
+
+
 CASES = [
     Case("H10a", "Column in 3D stretched by 300 %", stretched),
     Case("H10b", "Column in 3D twisted by 360 degrees", twisted),
+    Case("H10c", "Column in 3D twisted by 180 degrees", half_twisted),
+    Case("H10d", "Column in 3D twisted by 360 degrees, finer", twisted_finer),
 ]

@@ -72,8 +72,8 @@ LONG: dict[str, Long] = {
     "CSM3, 3 across": Long(
         lambda kind: ready.turek_hron_beam(3, dtype=kind), "beam.youngs_modulus", partial(moved, "beam")
     ),
-    "column, twisted": Long(
-        lambda kind: gripped(4, kind, 0.0, 1.0), "column.youngs_modulus", partial(moved, "column"), 1.5
+    "column, pulled": Long(
+        lambda kind: gripped(4, kind, 3.0, 0.0), "column.poisson_ratio", partial(moved, "column"), 1.5
     ),
     "Poiseuille, 10 across": Long(lambda kind: ready.poiseuille(10, dtype=kind), "water.viscosity", flux),
     "still water, 8": Long(lambda kind: ready.still_water(8, dtype=kind), "water.sound_speed", compression),

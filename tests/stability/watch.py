@@ -130,12 +130,14 @@ def alternation(structure) -> Callable:
     """
     place = np.asarray(structure.particles.positions, float)
     rounded = np.round(place / (1e-3 * structure.particles.spacing)).astype(np.int64)
-    shape = tuple(len(np.unique(rounded[:, axis])) for axis in range(place.shape[1]))
-    order = np.lexsort(rounded.T[::-1])
-    free = ~np.asarray(structure.clamped)[order].reshape(shape)
+    # columns along the other axes may be curved, as those of a beam that follows a cylinder
+    others = tuple(len(np.unique(rounded[:, axis])) for axis in range(1, place.shape[1]))
+    order = np.lexsort([place[:, 0], *rounded.T[:0:-1]])
+    order = np.moveaxis(order.reshape(*others, -1), -1, 0)
+    free, shape = ~np.asarray(structure.clamped)[order], order.shape
 
     def largest(state):
-        moved = state.systems[structure.name]["displacement"][order].reshape(*shape, -1)
+        moved = state.systems[structure.name]["displacement"][order]
         found = jnp.zeros((), moved.dtype)
         for axis, count in enumerate(shape):
             times = 6 if count >= 7 else 4
