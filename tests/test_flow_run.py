@@ -80,6 +80,7 @@ def test_traced_runs_are_the_same_in_both_modes(scene, whole):
     assert shear[0] > shear[1] > shear[2], "the more viscous, the less sheared"
 
 
+@pytest.mark.slow
 def test_float32_is_close_to_float64():
     """Roundings of 6e-8 for 30 steps, of pressures that are c^2 = 400 times as sensitive."""
     single, double = (sph.simulate(column(kind), 0.03, time_step=1e-3)["water"] for kind in (np.float32, np.float64))

@@ -135,6 +135,7 @@ def test_two_levels_of_checkpoints_give_the_same_gradient(case_2d):
         close(value, case_2d.gradient(case_2d.start)[1][name], 1e-9)
 
 
+@pytest.mark.slow
 def test_batch_of_moduli(case_2d):
     factors = np.array([0.8, 0.9, 1.0])
     of_modulus = jax.value_and_grad(lambda e: case_2d.of()({"beam.youngs_modulus": e}))

@@ -57,6 +57,7 @@ def test_the_total_energy_of_an_ideal_fluid_is_kept():
     assert lost[1] < 0.35 * lost[0] and lost[0] < 0.05 * exchanged, (lost, exchanged)
 
 
+@pytest.mark.slow
 def test_observers_under_vmap_and_jit_and_in_a_loss():
     scene = drop()
     step = 0.9 * sph.stable_time_step(scene)

@@ -11,7 +11,7 @@ VORTICES = {
     "edac averaged": (sph.EDAC(averaged_pressure=True), [sph.ParticleShifting(1.0, 0.2)]),
 }
 
-SLOW = {"edac averaged"}
+SLOW = {"edac averaged", "corrected"}
 
 
 @pytest.mark.parametrize("which", [pytest.param(w, marks=pytest.mark.slow) if w in SLOW else w for w in VORTICES])
