@@ -1,5 +1,11 @@
 """float64 by default, and the shapes and dtypes in every signature checked at run time."""
 
+import os
+
+# Most of a test is compiling: LLVM's own passes would take a quarter more of it, and change roundings at most.
+# Those who set XLA_FLAGS themselves have theirs.
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0")
+
 import jax
 import pytest
 from jaxtyping import install_import_hook
