@@ -13,6 +13,8 @@ from jaxsph.versions import EXCLUDED_JAX_VERSIONS, check_jax_version
 # The smallest sizes at which the CPU backend of an excluded version goes wrong, and a size well beyond.
 SIZES = [("float64", 16_385), ("float32", 32_769), ("float64", 50_000), ("float32", 50_000)]
 
+USUAL = {"xla_backend_optimization_level": 3}  # as programs are compiled outside of these tests
+
 
 def squared_length_of_product(matrix, vector):
     return jnp.sum((matrix @ vector) ** 2)
@@ -24,7 +26,9 @@ def test_one_matrix_for_all_particles(dtype, particles):
     index = np.arange(particles, dtype=dtype)
     vectors = np.stack([index, np.zeros_like(index), np.zeros_like(index)], axis=1)
     identity = np.eye(3, dtype=dtype)
-    compiled = jax.jit(jax.vmap(squared_length_of_product, in_axes=(None, 0)))(identity, vectors)
+    compiled = jax.jit(jax.vmap(squared_length_of_product, in_axes=(None, 0)), compiler_options=USUAL)(
+        identity, vectors
+    )
     # One product by 1, two by 0: every result is a single rounded square, so the two agree exactly.
     np.testing.assert_array_equal(np.asarray(compiled), index**2)
 
@@ -39,7 +43,9 @@ def test_one_matrix_per_particle(dtype, particles):
     mapped = jax.vmap(squared_length_of_product)
     # About ten roundings each, of products whose sum may cancel: 100 eps of the largest result.
     tolerance = 100 * np.finfo(dtype).eps * expected.max()
-    np.testing.assert_allclose(jax.jit(mapped)(matrices, vectors), expected, rtol=0, atol=tolerance)
+    np.testing.assert_allclose(
+        jax.jit(mapped, compiler_options=USUAL)(matrices, vectors), expected, rtol=0, atol=tolerance
+    )
     np.testing.assert_allclose(mapped(matrices, vectors), expected, rtol=0, atol=tolerance)
 
 
