@@ -205,7 +205,7 @@ class Scene:
             h = self.smoothing_length
             lines.append(
                 f"  {type(self.kernel).__name__}, smoothing length {_short(h)} m, {type(self.density).__name__}, "
-                + ("free domain" if self.domain is None else f"domain {self.domain.lower} to {self.domain.upper} m")
+                + ("free domain" if self.domain is None else f"domain {_short(self.domain.lower)} to {_short(self.domain.upper)} m")
             )
         lines.append(f"  gravity {_short(self.gravity)} m/s^2")
         lines.append("  effects: " + (", ".join(str(e) for e in self.effects) or "none"))
