@@ -202,11 +202,11 @@ class Scene:
         lines = [f"Scene in {self.dimension}D, {np.dtype(self.dtype).name}"]
         lines += ["  " + _described(system) for system in self.systems]
         if self.fluids:
-            h = self.smoothing_length
-            lines.append(
-                f"  {type(self.kernel).__name__}, smoothing length {_short(h)} m, {type(self.density).__name__}, "
-                + ("free domain" if self.domain is None else f"domain {_short(self.domain.lower)} to {_short(self.domain.upper)} m")
-            )
+            h, room = self.smoothing_length, "free domain"
+            if self.domain is not None:
+                room = f"domain {_short(self.domain.lower)} to {_short(self.domain.upper)} m"
+            about = f"{type(self.kernel).__name__}, smoothing length {_short(h)} m, {type(self.density).__name__}"
+            lines.append(f"  {about}, {room}")
         lines.append(f"  gravity {_short(self.gravity)} m/s^2")
         lines.append("  effects: " + (", ".join(str(e) for e in self.effects) or "none"))
         if is_concrete(self):
