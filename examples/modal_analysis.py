@@ -64,15 +64,16 @@ def plate(arrangement, across, smoothing_length):
 def stiffness(structure, penalty=None):
     """Stiffness matrix K [N/m] and mass matrix M [kg] of the free particles, all x first, then all y.
 
-    A particle feels others up to two support radii away. Particles further apart than that on the lattice share
-    a probing vector, so that some 2 x 25 to 2 x 81 products give the whole matrix.
+    A particle feels others up to two support radii away, by the penalty force up to three. Particles further apart than
+    that on the lattice share a probing vector, so that some hundred products give the whole matrix.
     """
     found = topology(structure)
     ready = reference(structure, found, penalty=penalty is not None)
     positions, dx = np.asarray(ready.positions), structure.particles.spacing
     n = positions.shape[1]
     place = np.round((positions - positions.min(axis=1, keepdims=True)) / dx).astype(int)
-    reach = 2 * int(np.ceil(structure.kernel.support_radius(float(structure.smoothing_length)) / dx - 1e-6) - 1)
+    support = int(np.ceil(structure.kernel.support_radius(float(structure.smoothing_length)) / dx - 1e-6) - 1)
+    reach = (2 if penalty is None else 3) * support
     period = 2 * reach + 1
     grid = np.full(place.max(axis=1) + 1 + 2 * reach, -1)
     grid[tuple(place + reach)] = np.arange(n)
