@@ -30,7 +30,7 @@ class ArtificialViscosity(FlowEffect):
 
     alpha: Any = 0.02
     beta: Any = 0.0
-    with_walls: ClassVar[bool] = False
+    partners: ClassVar[frozenset[str]] = frozenset({"fluid"})
 
     def __post_init__(self):
         check_at_least("ArtificialViscosity.alpha", self.alpha, 0.0, "no unit")

@@ -22,7 +22,7 @@ class DensityDiffusion(FlowEffect):
     """
 
     coefficient: Any = 0.1
-    with_walls: ClassVar[bool] = False
+    partners: ClassVar[frozenset[str]] = frozenset({"fluid"})
 
     def __post_init__(self):
         check_at_least(f"{type(self).__name__}.coefficient", self.coefficient, 0.0, "no unit")
@@ -45,7 +45,7 @@ class DeltaDiffusion(FlowEffect):
     """
 
     coefficient: Any = 0.1
-    with_walls: ClassVar[bool] = False
+    partners: ClassVar[frozenset[str]] = frozenset({"fluid"})
 
     def __post_init__(self):
         check_at_least(f"{type(self).__name__}.coefficient", self.coefficient, 0.0, "no unit")

@@ -11,11 +11,8 @@ class FlowEffect:
     A subclass states what it takes part in by overriding methods; what it does not override is not compiled.
     """
 
-    with_walls: ClassVar[bool] = True
-    """Whether it acts between fluid and wall particles too."""
-
-    only_walls: ClassVar[bool] = False
-    """Whether its force acts between fluid and walls only."""
+    partners: ClassVar[frozenset[str]] = frozenset({"fluid", "wall", "solid"})
+    """With what its force and density flux act: fluids, walls, and solids, which are structures and rigid bodies."""
 
     symmetric: ClassVar[bool] = True
     """Whether its force is antisymmetric in a and b. If one effect's is not, gradients of a run cost more."""
@@ -23,7 +20,7 @@ class FlowEffect:
     density_flux = None
     """density_flux(a, b, pair): what flows into a, times the volume of a, [kg/s]; antisymmetric in a and b.
 
-    Between particles of one fluid, and with walls if `with_walls` says so."""
+    Between particles of one fluid, and with walls and solids if they are among its `partners`."""
 
     force = None
     """force(a, b, pair): force on a from b [N, in 2D per meter], (d,); antisymmetric in a and b."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import jax.numpy as jnp
@@ -12,15 +13,16 @@ from jaxsph.pair_sum import dot
 from jaxsph.pytree import pytree_dataclass, static
 
 
-class Shifting:
+class Shifting(ABC):
     """What `jaxsph.flow` asks of an effect that moves particles with v + dv, of which a scene has at most one."""
 
     free_surface: bool = False
 
+    @abstractmethod
     def crowding(self, a, b, pair):
         """Volume of a times the term of a sum that points to where particles crowd [m^(d-1)], (d,); antisymmetric."""
-        raise NotImplementedError
 
+    @abstractmethod
     def velocity(self, crowding, fluid, smoothing_length, support_radius, *, cover: Any = None, normal: Any = None):
         """dv (d, N) [m/s] from the sum.
 
@@ -32,7 +34,6 @@ class Shifting:
             cover: C (N,), with `free_surface`.
             normal: along the normal of the surface, of any length (d, N), with `free_surface`.
         """
-        raise NotImplementedError
 
     def carried(self, a, b, difference, pair):
         """dv . grad of a field, times the volume of a, from its difference between b and a; symmetric."""

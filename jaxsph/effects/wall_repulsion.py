@@ -28,7 +28,7 @@ class WallRepulsion(FlowEffect):
     """
 
     strength: Any = 1.0
-    only_walls: ClassVar[bool] = True
+    partners: ClassVar[frozenset[str]] = frozenset({"wall"})
 
     def __post_init__(self):
         check_at_least("WallRepulsion.strength", self.strength, 0.0, "no unit")

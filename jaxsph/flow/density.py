@@ -7,7 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxsph.effects import Shifting
-from jaxsph.flow.pairs import fluid_fields, over_pairs, partners, wall_at_rest
+from jaxsph.flow.pairs import fluid_fields, kind_of, over_pairs, partners, wall_at_rest
 from jaxsph.fluid import Fluid
 from jaxsph.pair_sum import dot
 from jaxsph.walls import WallContinuity, WallSummation
@@ -32,7 +32,7 @@ def density_rates(scene, references, columns, placed, lists, *, forward_mode=Fal
             else:
                 senders = own if same else fluid_fields(other, references[other.name], columns[other.name])
             # Not between two fluids: the jump of their rest densities is none that diffusion may level.
-            active = effects if same else [effect for effect in effects if wall and effect.with_walls]
+            active = [effect for effect in effects if (same or wall) and kind_of(other) in effect.partners]
 
             carry = shifting is not None and not shifting.free_surface and same
 

@@ -8,13 +8,12 @@ import jax.numpy as jnp
 
 from jaxsph.effects import DeltaDiffusion, KernelGradientCorrection, Shifting, TensileControl
 from jaxsph.flow.correction import moments
-from jaxsph.flow.pairs import fluid_fields, over_pairs, partners, pressure
+from jaxsph.flow.pairs import fluid_fields, kind_of, over_pairs, partners, pressure
 from jaxsph.flow.pressure import mean_pressures
 from jaxsph.flow.walls import wall_in_forces, wall_states
 from jaxsph.fluid import Fluid
 from jaxsph.pair_sum import dot
 from jaxsph.tensors import inverse
-from jaxsph.walls import Wall
 
 
 def forces(scene, references, columns, placed, lists, time, *, forward_mode=False) -> dict:
@@ -107,8 +106,7 @@ def pair_force(scene, fluid, other):
     wall = not isinstance(other, Fluid)
     viscous = fluid.viscosity is not None and (other.no_slip if wall else other.viscosity is not None)
     effects = [effect for effect in scene.flow_effects if effect.force is not None]
-    solid = isinstance(other, Wall)
-    active = [effect for effect in effects if (solid if effect.only_walls else effect.with_walls or not wall)]
+    active = [effect for effect in effects if kind_of(other) in effect.partners]
     correction = scene.effect(KernelGradientCorrection)
     push = (scene.density if correction is None else correction).pressure_force
 

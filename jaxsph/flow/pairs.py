@@ -117,6 +117,13 @@ def _whole(uniform, fields):
     return fields
 
 
+def kind_of(system) -> str:
+    """What a system is to a fluid: "fluid", "wall" or "solid"; see `FlowEffect.partners`."""
+    if isinstance(system, Fluid):
+        return "fluid"
+    return "wall" if isinstance(system, Wall) else "solid"
+
+
 def partners(scene, fluid, lists):
     """The other systems of a fluid's pairs, and the lists: (system, list); itself first."""
     yield fluid, lists[f"{fluid.name}-{fluid.name}"]
