@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import pathlib
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
 
 
-class Table:
+class Table(ABC):
     """A file that holds named columns.
 
     names: the columns. place(i): where sample i stands, for messages.
@@ -18,12 +19,13 @@ class Table:
     path: pathlib.Path
     names: list[str]
 
+    @abstractmethod
     def column(self, name: str) -> np.ndarray:
         """(T,) finite numbers of one column; ValueError where they are not."""
-        raise NotImplementedError
 
+    @abstractmethod
     def place(self, index: int) -> str:
-        raise NotImplementedError
+        """Where a sample stands."""
 
 
 class CsvTable(Table):

@@ -8,6 +8,7 @@ rad alike.
 from __future__ import annotations
 
 import dataclasses
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ STEPS_PER_RANGE = 4.0  # a step of one in the internal coordinate of `linear` is
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Transform:
+class Transform(ABC):
     """Bounds, start and scale of one unknown, a number or an array (then each entry is an unknown).
 
     lower, upper, start: arrays of the unknown's shape, in the unknown's unit.
@@ -31,21 +32,21 @@ class Transform:
     def shape(self) -> tuple[int, ...]:
         return self.start.shape
 
+    @abstractmethod
     def internal(self, value: Any) -> np.ndarray:
         """Internal coordinate z of a value (same shape)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def value(self, z: Any) -> np.ndarray:
         """Value at the internal coordinate z (same shape)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def slope(self, z: Any) -> np.ndarray:
         """D value / d z, entry by entry (the delta method and the chain rule both need it)."""
-        raise NotImplementedError
 
+    @abstractmethod
     def relative(self, z: Any, standard_error: Any) -> np.ndarray:
         """Standard error in z as a fraction: of the value for `log`, of the range for `linear`."""
-        raise NotImplementedError
 
 
 class Log(Transform):

@@ -7,13 +7,14 @@ Methods Appl. Mech. Eng. 180, 97.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
 from jaxsph.checks import check_at_least
 from jaxsph.pytree import pytree_dataclass, static
 
 
-class DensityCalculator:
+class DensityCalculator(ABC):
     """What `jaxsph.flow` asks: does the density follow from a rate, and what force belongs to it?"""
 
     summed = False
@@ -32,17 +33,17 @@ class DensityCalculator:
         """What b adds to the density of a, before the kernel [kg]."""
         return b["mass"]
 
-    def divergence(self, a, b, flux):
-        """Rate of the density, times the volume of a, from flux = (v_a - v_b) . grad W: symmetric in a and b."""
-        raise NotImplementedError
+    divergence: Any
+    """divergence(a, b, flux): rate of the density, times the volume of a, from flux = (v_a - v_b) . grad W; symmetric.
 
-    def of_divergence(self, total, density, volume):
-        """Rate of the density [kg/(m^3 s)] from the sum of `divergence` over all neighbors."""
-        raise NotImplementedError
+    As the next, of calculators that integrate "density_deviation"."""
 
+    of_divergence: Any
+    """of_divergence(total, density, volume): rate of the density [kg/(m^3 s)] from the sum of `divergence`."""
+
+    @abstractmethod
     def pressure_force(self, a, b, gradient):
         """Force on a from b [N, in 2D per meter], (d,); antisymmetric."""
-        raise NotImplementedError
 
 
 @pytree_dataclass

@@ -16,6 +16,7 @@ D. J. Price (2012), J. Comput. Phys. 231, 759, section 2.2, and 2 h for the Wend
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import jax
@@ -26,7 +27,7 @@ from jaxtyping import Array, Float
 from jaxsph.pytree import pytree_dataclass
 
 
-class Kernel:
+class Kernel(ABC):
     """A smoothing kernel: what all of them share.
 
     A subclass states `support`, `normalization` (sigma_d for d = 1, 2, 3), `shape` (w) and `slope` (w' / R).
@@ -38,13 +39,13 @@ class Kernel:
     normalization: ClassVar[tuple[float, float, float]]
     """sigma_d in 1D, 2D and 3D: makes the integral of W over all space equal to one."""
 
+    @abstractmethod
     def shape(self, ratio: Array, dim: int) -> Array:
         """w(R) for 0 <= R, without its constant; 0 for R >= 1."""
-        raise NotImplementedError
 
+    @abstractmethod
     def slope(self, ratio: Array, dim: int) -> Array:
         """w'(R) / R for 0 <= R, without its constant; finite at 0, and 0 for R >= 1."""
-        raise NotImplementedError
 
     def support_radius(self, h: Float[ArrayLike, "..."]) -> Float[ArrayLike, "..."]:
         """Radius beyond which W is zero [m], for a smoothing length h [m]."""
