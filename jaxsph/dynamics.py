@@ -342,7 +342,7 @@ def fluid_time_step(scene, fluid):
     return limit
 
 
-def largest_stable(scene, found: dict[str, Any], substeps: tuple | None = None) -> float:
+def largest_stable(scene, found: dict[str, Any], substeps: tuple | None = None, columns: dict | None = None) -> float:
     """`largest_stable_time_step` as a plain number [s], infinite for rigid bodies alone. Outside of transformations.
 
     Raises ValueError if no particle can move.
@@ -350,7 +350,7 @@ def largest_stable(scene, found: dict[str, Any], substeps: tuple | None = None) 
     free = bool(scene.fluids or scene.rigid_bodies)
     if not free and all(np.all(structure.clamped) for structure in scene.structures):
         raise ValueError("no particle of the scene can move: all are clamped")
-    return float(_limit(scene, found, substeps))
+    return float(_limit(scene, found, substeps, columns))
 
 
 def safe(limit: float) -> float:
@@ -368,15 +368,13 @@ def stable_time_step(scene, found: dict[str, Any] | None = None, state: State | 
     state: whose deformation decides, of a scene without fluids; None takes the reference configuration, as `simulate`
         does. For a run in which bodies stretch by much, the step of its most stretched state is the one to pass.
 
-    Raises ValueError if no particle can move, or nothing limits the step.
+    Raises ValueError if no particle can move, nothing limits the step, or a state is given of a scene with fluids.
     """
     found = topologies(scene) if found is None else found
-    limit = largest_stable(scene, found)
-    if state is not None:
-        if scene.fluids:
-            raise ValueError("state= is for scenes without fluids: beside a fluid structures take substeps of its step")
-        limit = float(_limit(scene, found, None, to_columns(state.systems, found)))
-    return safe(limit)
+    if state is not None and scene.fluids:
+        raise ValueError("state= is for scenes without fluids: beside a fluid structures take substeps of its step")
+    columns = None if state is None else to_columns(state.systems, found)
+    return safe(largest_stable(scene, found, None, columns))
 
 
 def stable_substeps(scene, time_step: float, found: dict[str, Any] | None = None) -> dict[str, int]:

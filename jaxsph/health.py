@@ -20,8 +20,8 @@ from jaxsph.pytree import pytree_dataclass
 GOOD, NOT_FINITE, UNSTABLE, GAVE_UP, OVERFLOW, OUTSIDE, BEYOND_SKIN = 0, 1, 2, 3, 4, 5, 6
 
 CURES = {
-    NOT_FINITE: "a field became infinite or not a number; take a smaller time_step, check velocities and moduli, or "
-    "add a PenaltyForce if particles alternate",
+    NOT_FINITE: "a field became infinite or not a number; take a smaller time_step (bodies that stretch by much: "
+    "stable_time_step(scene, state=...)), check velocities and moduli, or add a PenaltyForce if particles alternate",
     UNSTABLE: "the time step is larger than the largest stable one; pass a smaller time_step (in a fit: the one for "
     "the upper end of the bounds)",
     GAVE_UP: "the error-controlled solver did not reach the end; allow more max_steps, loosen the tolerances, or check "
