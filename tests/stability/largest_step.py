@@ -5,12 +5,10 @@ For fluids see F35 of the validations.
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
+from any_step import any_step
 from columns import gripped
 from rows import Case, Row, precision
 
@@ -39,18 +37,6 @@ def bodies(dtype) -> dict[str, tuple[jaxsph.Scene, float]]:
         "sheared block": (jaxsph.Scene(block, gravity=(20.0, 0.0, -20.0), effects=[jaxsph.PenaltyForce(0.05)]), 0.4),
         "column to 4 lengths": (gripped(4, dtype, 3.0, 0.0), 1.5),
     }
-
-
-@contextmanager
-def any_step():
-    """Within, `simulate` takes steps beyond its limit."""
-    module: Any = sys.modules["jaxsph.simulate"]
-    kept = module.largest_stable
-    module.largest_stable = lambda *arguments: float("inf")
-    try:
-        yield
-    finally:
-        module.largest_stable = kept
 
 
 def gained(scene, t_end: float, time_step: float) -> float:

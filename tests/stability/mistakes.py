@@ -15,7 +15,7 @@ from jaxsph.geometry import Particles, box
 
 HALF, DOUBLE = np.float32, np.float64
 SPACING = 0.05
-FALL = 9.81
+GRAVITY = 9.81
 ERRORS = (RuntimeError, ValueError)  # as one or the other jax hands on what a callback raised
 
 
@@ -80,10 +80,10 @@ def overflow(dtype) -> list[Row]:
 def alone(dtype) -> list[Row]:
     """A particle without neighbors falls as any body does; in a structure it is refused."""
     height, time = 0.8, 0.3
-    scene = block(dtype, positions=[(0.0, height), (0.5, height)], gravity=FALL)
+    scene = block(dtype, positions=[(0.0, height), (0.5, height)], gravity=GRAVITY)
     run = jaxsph.simulate(scene, time, time_step=1e-3)
     place = np.asarray(run["water"]["position"][-1], float)
-    error = np.max(np.abs(place - np.array([(0.0, height), (0.5, height)]) + np.array([0.0, FALL * time**2 / 2])))
+    error = np.max(np.abs(place - np.array([(0.0, height), (0.5, height)]) + np.array([0.0, GRAVITY * time**2 / 2])))
     body = box((0, 0), (0.2, 0.2), SPACING, dtype=dtype)
     lonely = body | Particles(np.array([(0.8, 0.8)], dtype), np.array([SPACING**2], dtype), SPACING)
     structure = lambda: jaxsph.simulate(plate_of(lonely), 0.01)  # noqa: E731
@@ -91,7 +91,7 @@ def alone(dtype) -> list[Row]:
     # a few hundred additions of steps, each rounded
     limit = 1e-5 if dtype is HALF else 1e-12
     return [
-        Row("particles alone, free fall: error / way", float(error / (FALL * time**2 / 2)), limit, *where),
+        Row("particles alone, free fall: error / way", float(error / (GRAVITY * time**2 / 2)), limit, *where),
         Row("particle alone in a structure: not refused", refused(structure, (), "do not span"), 0.0, *where),
     ]
 
