@@ -57,19 +57,23 @@ def sloshing(quick: bool) -> Iterator[list[Row]]:
 
 
 def dam(quick: bool) -> Iterator[list[Row]]:
-    """Buchner's dam break, long after it struck the far wall and fell back on itself."""
+    """Buchner's dam break, long after it struck the far wall and fell back on itself; as the scene is, and repelled."""
     height, width, length = 0.6, 1.2, 3.2196
     unit = np.sqrt(height / GRAVITY)
-    runs = [(12, HALF), (12, DOUBLE), (20, HALF), (20, DOUBLE)]
-    for particles, dtype in runs[:1] if quick else runs:
-        scene = jaxsph.scenes.dam_break(particles, height=height, width=width, tank_length=length, dtype=dtype)
+    usual = [jaxsph.DeltaDiffusion(0.1), jaxsph.ArtificialViscosity(0.02)]
+    kinds = {"": usual, ", WallRepulsion": [*usual, jaxsph.WallRepulsion()]}
+    runs = [(kind, n, dtype) for kind in kinds for n in (12, 20) for dtype in (HALF, DOUBLE)]
+    for kind, particles, dtype in runs[:1] if quick else runs:
+        scene = jaxsph.scenes.dam_break(
+            particles, height=height, width=width, tank_length=length, effects=kinds[kind], dtype=dtype
+        )
         spacing = height / particles
         inside = round(length / spacing) * spacing
         measures = {"depth": depth_beyond("water", (0.0, 0.0), (inside, FAR))}
         watched = watch(scene, 20 * unit, 100, measures)
         # what it loses until it lies level
         size = 1000 * GRAVITY * width * height * 0.5 * (height - width * height / inside)
-        where = (f"H / dx = {particles}", precision(dtype))
+        where = (f"H / dx = {particles}{kind}", precision(dtype))
         rows = rows_of(watched, where, energy=size)
         yield [*rows, *outside(watched, spacing, where)]
 
