@@ -14,6 +14,9 @@ from jaxsph.scenes.tank_flow import GRAVITY, column_in_tank
 
 HALF, DOUBLE = np.float32, np.float64
 FAR = 1e9  # the open top
+USUAL = [jaxsph.DeltaDiffusion(0.1), jaxsph.ArtificialViscosity(0.02)]  # the default of these scenes
+REPELLED = ", WallRepulsion"
+KINDS = {"": USUAL, REPELLED: [*USUAL, jaxsph.WallRepulsion()]}
 TANK = (1.0, 0.4)  # length of the shaken tank, depth of its water [m]
 
 
@@ -60,12 +63,10 @@ def dam(quick: bool) -> Iterator[list[Row]]:
     """Buchner's dam break, long after it struck the far wall and fell back on itself; as the scene is, and repelled."""
     height, width, length = 0.6, 1.2, 3.2196
     unit = np.sqrt(height / GRAVITY)
-    usual = [jaxsph.DeltaDiffusion(0.1), jaxsph.ArtificialViscosity(0.02)]
-    kinds = {"": usual, ", WallRepulsion": [*usual, jaxsph.WallRepulsion()]}
-    runs = [(kind, n, dtype) for kind in kinds for n in (12, 20) for dtype in (HALF, DOUBLE)]
+    runs = [(kind, n, dtype) for kind in KINDS for n in (12, 20) for dtype in (HALF, DOUBLE)]
     for kind, particles, dtype in runs[:1] if quick else runs:
         scene = jaxsph.scenes.dam_break(
-            particles, height=height, width=width, tank_length=length, effects=kinds[kind], dtype=dtype
+            particles, height=height, width=width, tank_length=length, effects=KINDS[kind], dtype=dtype
         )
         spacing = height / particles
         inside = round(length / spacing) * spacing
@@ -82,13 +83,13 @@ def still(quick: bool) -> Iterator[list[Row]]:
     """Water that stands for 50 sqrt(H / g); the largest speed of its second half, when the start has died out."""
     height = 0.9
     unit, speed = np.sqrt(height / GRAVITY), np.sqrt(GRAVITY * height)
-    runs = [(10, HALF), (10, DOUBLE), (20, HALF), (20, DOUBLE)]
-    for particles, dtype in runs[:1] if quick else runs:
-        scene = jaxsph.scenes.still_water(particles, height=height, dtype=dtype)
+    runs = [(10, HALF, ""), (10, DOUBLE, ""), (20, HALF, ""), (20, DOUBLE, ""), (10, DOUBLE, REPELLED)]
+    for particles, dtype, kind in runs[:1] if quick else runs:
+        scene = jaxsph.scenes.still_water(particles, height=height, effects=KINDS[kind], dtype=dtype)
         inside = round(1.0 / (height / particles)) * height / particles
         measures = {"speed": fastest("water"), "depth": depth_beyond("water", (0.0, 0.0), (inside, FAR))}
         watched = watch(scene, 50 * unit, 100, measures)
-        where = (f"{particles} over the depth", precision(dtype))
+        where = (f"{particles} over the depth{kind}", precision(dtype))
         rows = rows_of(watched, where, energy=1000 * GRAVITY * inside * height**2 / 2)
         moving = watched.seen["speed"] / speed
         yield [
