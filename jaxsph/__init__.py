@@ -8,6 +8,7 @@ from jaxsph import accuracy, observe, scenes  # noqa: E402
 from jaxsph.density import EDAC, ContinuityDensity, SummationDensity  # noqa: E402
 from jaxsph.dynamics import stable_substeps, stable_time_step, topologies  # noqa: E402
 from jaxsph.effects import (  # noqa: E402
+    AcousticDamper,
     ArtificialViscosity,
     BodyForce,
     Contact,
@@ -72,6 +73,7 @@ from jaxsph.walls import (  # noqa: E402
 
 __all__ = [
     "EDAC",
+    "AcousticDamper",
     "AdamiExtrapolation",
     "AdamiViscosity",
     "ArtificialViscosity",

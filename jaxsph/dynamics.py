@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxsph import surroundings
 from jaxsph.contact import TOUCHING, bodies, contact_forces, contact_time_step, touching
-from jaxsph.effects import BodyForce, Contact, Damping, PenaltyForce
+from jaxsph.effects import AcousticDamper, BodyForce, Contact, Damping, PenaltyForce
 from jaxsph.flow import FluidReference, WallReference, forces
 from jaxsph.pytree import is_concrete, pytree_dataclass, replace
 from jaxsph.rigid_body import RigidBody, RigidReference, rigid_acceleration, rigid_reference
@@ -328,14 +328,18 @@ def structure_time_step(scene, structure, ready: Reference, displacement=None):
 
 
 def fluid_time_step(scene, fluid):
-    """Largest stable time step [s] of a fluid: that of sound, or of viscosity if that is shorter.
+    """Largest stable time step [s] of a fluid: that of sound, or of viscosity or a damper of sound if that is shorter.
 
     Sound: 1.1 h / c, where the fastest standing wave of disordered particles turns by 2 in a step. Viscosity: as the
     explicit diffusion of a wave that alternates from particle to particle, h^2 / (4 nu). SOUND_LIMIT leaves room below
-    the first: four scenes gained no energy up to 1.4 h / c (F35 in docs/validation.md). The second is not swept.
+    the first: four scenes gained no energy up to 1.4 h / c (F35 in docs/validation.md). The second is not swept. A
+    damper: .8 h / (alpha c), a dam break at 20 over the height blows up at twice that.
     """
     h = scene.smoothing_length
     limit = jnp.asarray(SOUND_LIMIT * h / fluid.sound_speed)
+    damper = scene.effect(AcousticDamper)
+    if damper is not None:
+        limit = limit / jnp.maximum(damper.alpha, 1.0)
     if fluid.viscosity is not None:
         nu = fluid.viscosity / fluid.density
         limit = jnp.minimum(limit, VISCOUS_LIMIT * h**2 / jnp.maximum(nu, jnp.finfo(scene.dtype).tiny))
@@ -343,14 +347,15 @@ def fluid_time_step(scene, fluid):
 
 
 def largest_stable(scene, found: dict[str, Any], substeps: tuple | None = None, columns: dict | None = None) -> float:
-    """`largest_stable_time_step` as a plain number [s], infinite for rigid bodies alone. Outside of transformations.
+    """`largest_stable_time_step` as a plain number [s], infinite for rigid bodies alone. Of plain numbers.
 
     Raises ValueError if no particle can move.
     """
     free = bool(scene.fluids or scene.rigid_bodies)
     if not free and all(np.all(structure.clamped) for structure in scene.structures):
         raise ValueError("no particle of the scene can move: all are clamped")
-    return float(_limit(scene, found, substeps, columns))
+    with jax.ensure_compile_time_eval():  # inside of jit too, where another argument is traced
+        return float(_limit(scene, found, substeps, columns))
 
 
 def safe(limit: float) -> float:
@@ -384,7 +389,8 @@ def stable_substeps(scene, time_step: float, found: dict[str, Any] | None = None
     """
     if not scene.fluids:
         return {structure.name: 1 for structure in scene.structures}
-    limits = _structure_limits(scene, topologies(scene) if found is None else found)
+    with jax.ensure_compile_time_eval():
+        limits = _structure_limits(scene, topologies(scene) if found is None else found)
     return {name: max(1, math.ceil(float(time_step) / (SAFETY * float(limit)))) for name, limit in limits.items()}
 
 

@@ -20,6 +20,7 @@ from jaxsph.dynamics import (
     positions_of,
     structure_acceleration,
 )
+from jaxsph.effects import AcousticDamper
 from jaxsph.flow import density_rates, keep_mean, keep_volume, pressure_rates, summed_deviations
 from jaxsph.pytree import pytree_dataclass, static
 from jaxsph.rigid_body import rigid_drift, rigid_kick
@@ -154,7 +155,10 @@ def _structure_step(scene, structure, ready, fields, time, time_step, n_steps, f
         way = fields["displacement"] - begin["displacement"]
         if "remainder" in fields:
             way = way + (fields["remainder"] - begin["remainder"])
-        fields = {**fields, "mean_velocity": way / time_step}
+        # A step of no duration finds the forces of a start.
+        still = time_step == 0
+        mean = jnp.where(still, fields["velocity"], way / jnp.where(still, 1.0, time_step))
+        fields = {**fields, "mean_velocity": mean}
     return fields
 
 
@@ -183,6 +187,7 @@ def _flow(scene, references, columns, moved, lists, time, time_step, forward_mod
         rates = _rates_of(evolved)(scene, references, halfway, middle, lists, forward_mode=forward_mode)
         for name, rate in rates.items():
             moved[name] = {**moved[name], evolved: moved[name][evolved] + time_step * rate}
+        moved = noted(scene, moved, rates)
         keep = keep_volume if evolved == "density_deviation" else keep_mean
         moved = keep(scene, references, moved)
     for fluid in scene.fluids:
@@ -195,6 +200,16 @@ def _flow(scene, references, columns, moved, lists, time, time_step, forward_mod
     ).items():
         moved[name] = {**moved[name], "density_deviation": deviation}
     return moved
+
+
+def noted(scene, columns, rates):
+    """Columns with the rates of the density, if an effect asks for them."""
+    if scene.effect(AcousticDamper) is None:
+        return columns
+    return {
+        **columns,
+        **{fluid.name: {**columns[fluid.name], "density_rate": rates[fluid.name]} for fluid in scene.fluids},
+    }
 
 
 def _rates_of(field):
@@ -283,6 +298,10 @@ class Diffrax:
             if scene.fluids and evolved is not None:
                 rates = _rates_of(evolved)(scene, references, fields, placed, lists, forward_mode=forward_mode)
                 changes = {name: {evolved: rate} for name, rate in rates.items()}
+                if scene.effect(AcousticDamper) is not None:
+                    fields = noted(scene, fields, rates)
+                    found = accelerations(scene, references, fields, time, lists, placed, forward_mode=forward_mode)
+                    fields = {name: {**values, **found.get(name, {})} for name, values in fields.items()}
             return fields, changes
 
         def rates(time, y, _):

@@ -10,6 +10,7 @@ import numpy as np
 from jaxsph import checks, pytree
 from jaxsph.density import ContinuityDensity, DensityCalculator
 from jaxsph.effects import (
+    AcousticDamper,
     BodyForce,
     Contact,
     Damping,
@@ -295,6 +296,8 @@ def _check_density(density, systems, effects):
     for effect in effects:
         if density.evolved != "density_deviation" and isinstance(effect, ShepardFilter):
             raise ValueError(f"ShepardFilter smooths a density that {kind} does not evolve; leave it out")
+        if density.evolved != "density_deviation" and isinstance(effect, AcousticDamper):
+            raise ValueError(f"AcousticDamper needs the rate of a density that {kind} does not evolve; leave it out")
         if density.evolved != "density_deviation" and getattr(effect, "density_flux", None) is not None:
             raise ValueError(f"{type(effect).__name__} smooths a density that {kind} does not evolve; leave it out")
     for wall in [system for system in systems if isinstance(system, Wall)]:

@@ -28,9 +28,9 @@ from jaxsph.dynamics import (
     stable_substeps,
     topologies,
 )
-from jaxsph.effects import ShepardFilter
+from jaxsph.effects import AcousticDamper, ShepardFilter
 from jaxsph.errors import UnstableTimeStep
-from jaxsph.flow import filtered
+from jaxsph.flow import density_rates, filtered, summed_deviations
 from jaxsph.health import (
     BEYOND_SKIN,
     CURES,
@@ -42,7 +42,7 @@ from jaxsph.health import (
     all_finite,
     raise_if_failed,
 )
-from jaxsph.integrate import Diffrax, KickDriftKick
+from jaxsph.integrate import Diffrax, KickDriftKick, noted
 from jaxsph.neighbors import safe_steps
 from jaxsph.pytree import is_concrete, replace
 from jaxsph.rigid_body import RigidBody
@@ -218,13 +218,27 @@ def _in_builds(n_steps: int, wanted: int) -> tuple[int, int]:
     return every * math.ceil(n_steps / every), every
 
 
+def _ready(scene, found, state):
+    """References and columns of a state, as it is."""
+    references = prepare(scene, found)
+    return references, constrain(scene, references, to_columns(state.systems, found), state.time)
+
+
+_ready_compiled = jax.jit(_ready)
+
+
 def _begin(scene, found, state, forward_mode=False):
     """References, columns with the forces filled in, and whether the neighbor lists were too small for them."""
-    references = prepare(scene, found)
-    columns = to_columns(state.systems, found)
-    columns = constrain(scene, references, columns, state.time)
+    references, columns = _ready(scene, found, state)
     lists, placed = _lists(scene, references, columns, found, state.time)
-    fresh = accelerations(scene, references, columns, state.time, lists, placed, forward_mode=forward_mode)
+    now = dict(columns)
+    if scene.fluids:
+        sums = summed_deviations(scene, references, columns, placed, lists, forward_mode=forward_mode)
+        now |= {name: {**columns[name], "density_deviation": deviation} for name, deviation in sums.items()}
+        if scene.effect(AcousticDamper) is not None:
+            rates = density_rates(scene, references, now, placed, lists, forward_mode=forward_mode)
+            now = noted(scene, now, rates)
+    fresh = accelerations(scene, references, now, state.time, lists, placed, forward_mode=forward_mode)
     # A state that has been stepped brings the acceleration of its last step: continuing it is exact.
     for name, found_now in fresh.items():
         kept = {k: jnp.where(state.step == 0, new, columns[name][k]) for k, new in found_now.items()}
@@ -250,7 +264,9 @@ def _advance(
     """n_steps steps from a state. In blocks of `block` steps, each recomputed in reverse mode.
 
     Where systems meet, neighbor lists are built every rebuild_every steps, of which n_steps and block are multiples.
+    Both numbers may be traced: one program then serves runs of any length, and has no reverse mode.
     """
+    counted = isinstance(n_steps, int)
     dt = jnp.asarray(time_step, scene.dtype)
     shepard = scene.effect(ShepardFilter)
 
@@ -258,64 +274,72 @@ def _advance(
         return state.time + number.astype(scene.dtype) * dt
 
     def one_step(carry, number, lists=None):
-        moved = integrator.step(scene, references, carry, lists, time_of(number), dt, forward_mode=forward_mode)
-        return moved, None
+        return integrator.step(scene, references, carry, lists, time_of(number), dt, forward_mode=forward_mode)
 
     def checkpointed(function):
-        if forward_mode:
+        if forward_mode or not counted:
             return function
         # Not of the many small steps of structures beside fluids.
         names = () if scene.fluids else ("displacement_gradient",)
         keep = jax.checkpoint_policies.save_only_these_names(*names)
         return jax.checkpoint(function, policy=keep, prevent_cse=False)
 
-    def between_builds(carry, numbers):
+    def between_builds(carry, build):
         columns, health = carry
+        first = build * rebuild_every
         if scene.domain is not None:
             for fluid in scene.fluids:
                 fields = columns[fluid.name]
                 columns = {**columns, fluid.name: {**fields, "position": scene.domain.wrap(fields["position"])}}
-        lists, _ = _lists(scene, references, columns, found, time_of(numbers[0]))
+        lists, _ = _lists(scene, references, columns, found, time_of(first))
         if shepard is not None:
             apply_filter = lambda now: filtered(scene, references, now, lists, forward_mode=forward_mode)  # noqa: E731
-            due = shepard.due(state.step + numbers[0], rebuild_every)
+            due = shepard.due(state.step + first, rebuild_every)
             columns = jax.lax.cond(due, apply_filter, dict, columns)
         step = checkpointed(lambda carry, number, lists: one_step(carry, number, lists))
-        columns, _ = jax.lax.scan(lambda carry, number: step(carry, number, lists), columns, numbers)
+        columns = _repeated(lambda carry, number: step(carry, first + number, lists), columns, rebuild_every)
         assert lists is not None  # this is for scenes in which systems meet
-        placed = place_boundaries(scene, references, columns, time_of(numbers[-1] + 1))
+        placed = place_boundaries(scene, references, columns, time_of(first + rebuild_every))
         positions = positions_of(scene, columns, placed)
-        health = surroundings.note(health, lists, positions, state.step + numbers[-1] + 1)
-        return (columns, health), None
+        health = surroundings.note(health, lists, positions, state.step + first + rebuild_every)
+        return columns, health
 
-    numbers, health = jnp.arange(n_steps, dtype=jnp.int32), state.health
+    health = state.health
+    block = None if forward_mode else block
     if scene.meets:
-        carry, once = (columns, health), between_builds
-        numbers = numbers.reshape(-1, rebuild_every)
         block = None if block is None else max(1, block // rebuild_every)
+        columns, health = _repeated(between_builds, (columns, health), n_steps // rebuild_every, block)
     else:
-        carry, once = columns, checkpointed(one_step)
-    carry = _scan_in_blocks(once, carry, numbers, None if forward_mode else block)
-    columns, health = carry if scene.meets else (carry, health)
-    step = state.step + jnp.int32(n_steps)
+        columns = _repeated(checkpointed(one_step), columns, n_steps, block)
+    step = state.step + jnp.asarray(n_steps, jnp.int32)
     finite = all_finite(jax.lax.stop_gradient(columns))
     health = health.note(~finite, NOT_FINITE, step)
     return columns, replace(state, time=state.time + dt * n_steps, step=step, health=health)
 
 
-def _scan_in_blocks(once, carry, numbers, block):
-    """Scan over numbers; in blocks of which only the start is kept for reverse mode, if a block's length is given."""
+def _repeated(once, carry, n, block=None):
+    """What n times carry = once(carry, number) gives; n may be traced.
+
+    In blocks of which only the start is kept for reverse mode, if a block's length is given.
+    """
+    if not isinstance(n, int):
+        return jax.lax.fori_loop(jnp.int32(0), n, lambda number, carry: once(carry, number), carry)
+
+    def several(carry, numbers):
+        return jax.lax.scan(lambda carry, number: (once(carry, number), None), carry, numbers)
+
+    numbers = jnp.arange(n, dtype=jnp.int32)
     if block is None:
-        return jax.lax.scan(once, carry, numbers)[0]
-    whole = len(numbers) // block * block
-    run_block = jax.checkpoint(lambda c, n: jax.lax.scan(once, c, n), prevent_cse=False)
-    carry, _ = jax.lax.scan(run_block, carry, numbers[:whole].reshape(-1, block, *numbers.shape[1:]))
-    if whole < len(numbers):
+        return several(carry, numbers)[0]
+    whole = n // block * block
+    run_block = jax.checkpoint(several, prevent_cse=False)
+    carry, _ = jax.lax.scan(run_block, carry, numbers[:whole].reshape(-1, block))
+    if whole < n:
         carry, _ = run_block(carry, numbers[whole:])
     return carry
 
 
-_advance_compiled = jax.jit(_advance, static_argnames=("n_steps", "forward_mode", "rebuild_every", "block"))
+_advance_compiled = jax.jit(_advance, static_argnames=("forward_mode",))
 
 
 def _with_rows(state, columns, found):
@@ -382,10 +406,7 @@ _solve_compiled = jax.jit(_solve, static_argnames=("n_saves", "n_steps", "forwar
 
 def _run(scene, found, state, time_step, n_saves, progress, out, options):
     """Advance from save to save with plain numbers."""
-    references, columns, too_small = _begin_compiled(scene, found, state)
-    while too_small:
-        found = _with_room(scene, found)
-        references, columns, too_small = _begin_compiled(scene, found, state)
+    references, columns, found = _start(scene, found, state, options)
     first = jax.device_get(_with_rows(state, columns, found))
     saved = [first]
     whole = lambda: jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *saved)  # noqa: E731
@@ -401,6 +422,30 @@ def _run(scene, found, state, time_step, n_saves, progress, out, options):
             if file is not None:
                 file.append_state(rows)
     return whole()
+
+
+EVOLVED = ("position", "displacement", "remainder", "velocity", "density_deviation", "pressure")
+"""Fields that a run starts with as they are given; a step of no duration could round them, or sum a density anew."""
+
+
+def _start(scene, found, state, options):
+    """References, columns with the forces filled in, and lists with room for them.
+
+    The forces are those that a step of no duration finds, which spares compiling a program for them alone.
+    """
+    if isinstance(options["integrator"], Diffrax):
+        references, columns, too_small = _begin_compiled(scene, found, state)
+        while too_small:
+            found = _with_room(scene, found)
+            references, columns, too_small = _begin_compiled(scene, found, state)
+        return references, columns, found
+    references, columns = _ready_compiled(scene, found, state)
+    if int(state.step) == 0:  # one that has been stepped brings the forces of its last step
+        once = {**options, "n_steps": 1, "rebuild_every": 1}
+        stepped, _, found, _ = _to_next_save(scene, references, columns, replace(state, systems={}), found, 0.0, once)
+        for name, fields in stepped.items():
+            columns[name] = {**fields, **{k: v for k, v in columns[name].items() if k in EVOLVED}}
+    return references, columns, found
 
 
 def _states(scene, references, columns, state, found, time_step, n_saves, options):
@@ -434,7 +479,8 @@ def _in_cell_order(scene, references, columns, found):
 def _to_next_save(scene, references, columns, state, found, time_step, options):
     """One interval; again, with more room, skin or more frequent builds, if the neighbor lists did not suffice."""
     while True:
-        advanced, new = _advance_compiled(scene, references, columns, found, state, time_step, **options)
+        counts = {name: np.int32(options[name]) for name in ("n_steps", "rebuild_every")}  # traced: see _advance
+        advanced, new = _advance_compiled(scene, references, columns, found, state, time_step, **options | counts)
         reason = int(new.health.reason) if scene.meets else GOOD
         if reason == BEYOND_SKIN and options["rebuild_every"] > 1:
             options = {**options, "rebuild_every": options["rebuild_every"] // 2}

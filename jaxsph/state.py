@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.effects import DeltaDiffusion, Shifting, TensileControl
+from jaxsph.effects import AcousticDamper, DeltaDiffusion, Shifting, TensileControl
 from jaxsph.fluid import Fluid
 from jaxsph.health import Health
 from jaxsph.pytree import pytree_dataclass
@@ -30,7 +30,8 @@ class State:
             and with `Contact` also `surface_acceleration` (N, d) [m/s^2], the force per mass by them. A fluid has
             `position`, `velocity`, `acceleration` (N, d) and `density_deviation` (N,), rho - rho_0 [kg/m^3]; with
             `ParticleShifting` or `TransportVelocity` a `shift` (N, d) [m/s], with `DeltaDiffusion` a
-            `density_gradient` (N, d), with `TensileControl` a `cover` (N,), with the density calculator `EDAC` a
+            `density_gradient` (N, d), with `TensileControl` a `cover` (N,), with `AcousticDamper` a `density_rate` (N,)
+            [kg/(m^3 s)], with the density calculator `EDAC` a
             `pressure` (N,) [Pa]. A wall has `position` and `velocity` if it moves, `density_deviation` if its model
             integrates it, else nothing.
         health: what went wrong, if anything did.
@@ -76,9 +77,10 @@ def _initial_fields(scene, system) -> dict:
         if scene.density.evolved == "pressure":
             initial = 0.0 if system.pressure is None else system.pressure
             fields["pressure"] = jnp.broadcast_to(jnp.asarray(initial, dtype), shape[:1])
+        blank = zero[:, 0]
         extra = {"shift": (Shifting, zero), "density_gradient": (DeltaDiffusion, zero)}
-        extra["cover"] = (TensileControl, jnp.zeros(shape[:1], dtype))
-        return fields | {name: blank for name, (kind, blank) in extra.items() if scene.effect(kind) is not None}
+        extra |= {"cover": (TensileControl, blank), "density_rate": (AcousticDamper, blank)}
+        return fields | {name: start for name, (kind, start) in extra.items() if scene.effect(kind) is not None}
     fields = {}
     if system.motion is not None:
         position, velocity, _ = system.placed(jnp.asarray(system.particles.positions).T, jnp.zeros((), dtype))

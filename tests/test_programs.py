@@ -51,6 +51,7 @@ def of_bare():
 
 CALLED_FOR = {
     # what the scene calls for: (scene, vectors that a step gathers beside the bare one, what the fluid's state adds)
+    "acoustic damper": (lambda: bare(sph.AcousticDamper()), [], {"density_rate": (N,)}),
     "artificial viscosity": (lambda: bare(sph.ArtificialViscosity()), [OF_FLUID], {}),
     "density diffusion": (lambda: bare(sph.DensityDiffusion()), [], {}),
     "delta diffusion": (lambda: bare(sph.DeltaDiffusion()), [OF_FLUID], {"density_gradient": (2, N)}),

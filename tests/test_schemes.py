@@ -1,5 +1,6 @@
 """Schemes that a scene may call for: what they leave alone, what they conserve, and what flows they reach."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -194,6 +195,55 @@ def test_corrected_forces_of_water_at_rest_in_a_closed_tank():
     rest = np.sqrt(np.mean(np.asarray(out["acceleration"]) ** 2)) / 9.81
     print(f"force on water at rest: {rest:.3f} g")
     assert rest < 0.1
+
+
+def sound_wave(effects):
+    """The wave u = sin(2 pi x) / 1000 in a periodic box of 32 x 8 spacings, Mach 1 / 10000."""
+    spacing = 1 / 32
+    water = sph.Fluid(
+        "water",
+        box((0, 0), (1, 8 * spacing), spacing),
+        1.0,
+        10.0,
+        velocity=lambda x: np.stack([1e-3 * np.sin(2 * np.pi * x[:, 0]), np.zeros(len(x))], axis=1),
+    )
+    domain = sph.Domain((0, 0), (1, 8 * spacing), periodic=True)
+    return sph.Scene(water, effects=effects, smoothing_length=1.3 * spacing, kernel=sph.CubicSpline(), domain=domain)
+
+
+def test_a_damper_takes_the_stated_share_of_a_sound_wave_and_no_momentum():
+    """exp(-2 pi^2 alpha c h t / L^2) of the amplitude, over one period; little of it without the damper."""
+    for alpha, tolerance in ((0.0, 0.01), (0.5, 0.03)):  # the kernel smooths the wave: (k h)^2 = .065 of its square
+        scene = sound_wave([sph.AcousticDamper(alpha)])
+        run = sph.simulate(scene, 0.1, 0.1)
+        x = np.asarray(run["water"]["position"][-1, :, 0])
+        u = np.asarray(run["water"]["velocity"][-1], float)
+        amplitude = 2 * np.mean(u[:, 0] * np.sin(2 * np.pi * x)) / 1e-3
+        expected = np.exp(-2 * np.pi**2 * alpha * 10.0 * scene.smoothing_length * 0.1)
+        print(f"alpha {alpha}: {amplitude:.4f} of the wave is left, expected {expected:.4f}")
+        assert abs(amplitude / expected - 1) < tolerance
+        assert np.max(np.abs(np.mean(u, axis=0))) < 1e-15
+
+
+def test_a_damper_needs_a_density_that_evolves():
+    with pytest.raises(ValueError, match="AcousticDamper needs the rate of a density that SummationDensity"):
+        periodic(effects=[sph.AcousticDamper()], density=sph.SummationDensity())
+
+
+def test_traced_and_plain_runs_start_with_the_same_forces():
+    """A plain run finds them by a step of no duration, a traced one by themselves. Also of densities that are sums."""
+    for scene in (
+        periodic(density=sph.SummationDensity()),
+        column(effects=[sph.AcousticDamper(), sph.DeltaDiffusion()]),
+    ):
+        state, step = stirred(scene), sph.stable_time_step(scene)
+        plain = sph.simulate(scene, step, state=state, time_step=step)
+        found = sph.topologies(scene)
+        run = jax.jit(lambda s, scene=scene, found=found, step=step: sph.simulate(
+            scene, step, state=s, time_step=step, topologies_of_scene=found, max_speed=10.0).states)  # fmt: skip
+        traced = run(state)
+        for name in ("velocity", "density_deviation", "acceleration"):
+            assert_equal(plain["water"][name], traced.systems["water"][name], 1e-12)
 
 
 def test_shepard_filter_keeps_a_constant_density_and_smooths_another():

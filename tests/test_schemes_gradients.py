@@ -7,6 +7,7 @@ import jaxsph as sph
 
 VORTICES = {
     "edac": (sph.EDAC(), [sph.TransportVelocity()]),
+    "damped": (sph.ContinuityDensity(), [sph.AcousticDamper(0.5), sph.DeltaDiffusion(0.1)]),
     "corrected": (sph.ContinuityDensity(), [sph.KernelGradientCorrection(), sph.ParticleShifting(1.0, 0.2)]),
     "edac averaged": (sph.EDAC(averaged_pressure=True), [sph.ParticleShifting(1.0, 0.2)]),
 }

@@ -1,5 +1,6 @@
 """What a scene may or may not call for, one file each. An effect that a scene does not list is not compiled."""
 
+from jaxsph.effects.acoustic_damper import AcousticDamper
 from jaxsph.effects.artificial_viscosity import ArtificialViscosity
 from jaxsph.effects.body_force import BodyForce
 from jaxsph.effects.contact import Contact
@@ -14,6 +15,7 @@ from jaxsph.effects.tensile_control import TensileControl
 from jaxsph.effects.wall_repulsion import WallRepulsion
 
 __all__ = [
+    "AcousticDamper",
     "ArtificialViscosity",
     "BodyForce",
     "Contact",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from jaxsph.effects import (
+    AcousticDamper,
     ArtificialViscosity,
     Contact,
     Damping,
@@ -93,6 +94,8 @@ def _effect(facts, effect):
         return Finding(name, "keeps particles evenly spread, on which every sum relies", source=finding.DISORDER)
     if isinstance(effect, TensileControl):
         return Finding(name, "keeps particles under negative pressure from clumping", source=finding.TENSILE)
+    if isinstance(effect, AcousticDamper):
+        return Finding(name, "damps the sound that an impact leaves, which water has hardly any of")
     if isinstance(effect, WallRepulsion):
         return Finding(name, "keeps sheets of fluid thinner than a spacing from sinking into walls")
     if isinstance(effect, PenaltyForce):

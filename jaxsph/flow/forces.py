@@ -6,7 +6,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxsph.effects import DeltaDiffusion, KernelGradientCorrection, Shifting, TensileControl
+from jaxsph.effects import AcousticDamper, DeltaDiffusion, KernelGradientCorrection, Shifting, TensileControl
 from jaxsph.flow.correction import moments
 from jaxsph.flow.pairs import fluid_fields, kind_of, over_pairs, partners, pressure
 from jaxsph.flow.pressure import mean_pressures
@@ -28,6 +28,11 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
     outward = shifting is not None and shifting.free_surface
     covered = outward or scene.effect(TensileControl) is not None
     pressures = {fluid.name: pressure(fluid, columns[fluid.name]) for fluid in scene.fluids}
+    damper = scene.effect(AcousticDamper)
+    if damper is not None:
+        for fluid in scene.fluids:
+            rate = columns[fluid.name]["density_rate"]
+            pressures[fluid.name] += damper.pressure(rate, fluid.sound_speed, scene.smoothing_length)
     walls = wall_states(scene, references, columns, placed, pressures, lists, forward_mode=forward_mode)
     correction = scene.effect(KernelGradientCorrection)
     means = {}
