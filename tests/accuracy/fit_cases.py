@@ -80,7 +80,7 @@ def _row(fit, seconds, particles, method, bias, spread) -> Row:
 
 
 def youngs_modulus(quick: bool) -> Results:
-    resolutions, levels = ((2, 4), (2, 4)) if quick else ((2, 4, 8, 16), (4, 8, 16))
+    resolutions, levels = ((2, 4), (2, 4)) if quick else ((2, 4, 6, 8), (2, 4, 8))
     title = "Young's modulus of the beam from its tip"
     return calibrated(title, beam_problem, beam.TRUE_MODULUS, resolutions, levels, lambda r: round(r) + 1, None)
 

@@ -129,8 +129,9 @@ def dam_break_pressure(quick: bool) -> Results:
             errors[name] = float(np.sqrt(np.mean(difference**2)))
         return errors
 
-    def scene_of(particles=20, alpha=0.02):
+    def scene_of(particles=20, alpha=0.02, damper=0.0):
         effects = [jaxsph.DeltaDiffusion(0.1), jaxsph.ArtificialViscosity(alpha)]
+        effects += [jaxsph.AcousticDamper(damper)] if damper else []
         return jaxsph.scenes.dam_break(particles, height=height, effects=effects)
 
     title = "Dam break, pressure on the far wall, 2.36 < T < 7"
@@ -140,6 +141,7 @@ def dam_break_pressure(quick: bool) -> Results:
         *grid(precision=["float64"], particles=(20,)),
         *grid(precision=["float32"], particles=(14, 20), neighbors=(28,)),
         *grid(precision=["float32"], particles=(14, 20), alpha=(0.1,)),
+        *grid(precision=["float32"], particles=(10, 14, 20, 28, 40), damper=(1.0,)),
     ]
     return studied(study, settings, quick, grid(precision=["float32"], particles=(8,)))
 
