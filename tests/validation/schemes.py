@@ -35,9 +35,10 @@ def edac(quick: bool) -> Iterator[list[Row]]:
     particles = 25 if quick else 50
     for dtype in (np.float32,) if quick else (np.float32, np.float64):
         effects = [jaxsph.TransportVelocity()]
-        scene = jaxsph.scenes.taylor_green(particles, effects=effects, density=jaxsph.EDAC(), dtype=dtype)
+        # From a lattice the vortex runs along rows of particles until rounding breaks them: later in float64.
+        scene = jaxsph.scenes.taylor_green(particles, disorder=0.2, effects=effects, density=jaxsph.EDAC(), dtype=dtype)
         error, effective = vortex_errors(jaxsph.simulate(scene, 1.0, 0.05))
-        where = (f"{particles} x {particles}", precision(dtype))
+        where = (f"{particles} x {particles}, disordered", precision(dtype))
         yield [
             Row("relative L1 error of the speed, t = 1", error, 0.03, *where),
             Row("|effective / physical viscosity - 1|", effective, 0.02, *where),
