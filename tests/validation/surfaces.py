@@ -231,7 +231,7 @@ def wall_pressure(quick: bool) -> Iterator[list[Row]]:
         (40, np.float32, usual, ""),
         (80, np.float32, damped, ", AcousticDamper"),
     ]
-    for particles, dtype, effects, name in [(20, *runs[0][1:])] if quick else runs:
+    for particles, dtype, effects, label in [(20, *runs[0][1:])] if quick else runs:
         scene = jaxsph.scenes.dam_break(particles, height=height, dtype=dtype, effects=effects)
         far = round(3.2196 / (height / particles)) * height / particles
         points = np.array([[far, share * height] for share in centers])
@@ -246,22 +246,20 @@ def wall_pressure(quick: bool) -> Iterator[list[Row]]:
             times.append(np.asarray(run.times, float)[1:] / unit)
             found.append(np.asarray(see(scene, run.states), float)[1:] / scale)
         times, found = np.concatenate(times), np.concatenate(found)
-        rows, where = [], (f"H / dx = {particles}{name}", precision(dtype))
-        for index, sensor_name in enumerate(("P1", "P2")):
-            lines = [
-                line for line in table("fluid/dambreak_pressure.csv") if line["dataset"].endswith(f"sim_{sensor_name}")
-            ]
+        rows, where = [], (f"H / dx = {particles}{label}", precision(dtype))
+        for index, name in enumerate(("P1", "P2")):
+            lines = [line for line in table("fluid/dambreak_pressure.csv") if line["dataset"].endswith(f"sim_{name}")]
             at, value = (np.array([float(line[key]) for line in lines]) for key in ("T", "p_over_rho_g_H"))
             inside = (times > 2.36) & (times < 7)
             difference = found[inside, index] - np.interp(times[inside], at, value)
             rows += [
                 Row(
-                    f"rms of {sensor_name} / (rho g H), 2.36 < T < 7",
+                    f"rms of {name} / (rho g H), 2.36 < T < 7",
                     float(np.sqrt(np.mean(difference**2))),
                     0.2,
                     *where,
                 ),
-                Row(f"lowest {sensor_name} / (rho g H), negated", -float(found[:, index].min()), 0.2, *where),
+                Row(f"lowest {name} / (rho g H), negated", -float(found[:, index].min()), 0.2, *where),
             ]
         yield rows
 
