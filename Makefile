@@ -13,7 +13,7 @@ PINS := pyproject.toml constraints.txt
 help:
 	@echo "make calibrate   fit Young's modulus of the Turek-Hron beam; results in out/"
 	@echo "make test        run the tests"
-	@echo "make test-slow   run the tests that make test leaves out: half an hour"
+	@echo "make test-slow   run the tests that make test leaves out: a quarter of an hour"
 	@echo "make validate    run every validation and every hard case; writes docs/results/*.json"
 	@echo "make stability   run the hard cases alone, the second half of make validate"
 	@echo "make bench       measure speed, ours beside others; writes docs/results/benchmark.json"

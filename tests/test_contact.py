@@ -137,6 +137,7 @@ def test_momentum_is_exchanged_to_round_off():
     assert np.linalg.norm(apart, axis=-1).min() < DX  # in touch
 
 
+@pytest.mark.slow
 def test_gradient_in_contact():
     """Forward and reverse mode against central differences, while all three touch; 30 steps."""
     start = np.array([1e5, 500.0, 0.5])

@@ -51,6 +51,7 @@ def test_what_a_run_does(scene, whole):
     assert whole.final.step * whole.time_step == pytest.approx(0.08)
 
 
+@pytest.mark.slow
 def test_traced_runs_are_the_same_in_both_modes(scene, whole):
     found = sph.topologies(scene)
 

@@ -1,0 +1,167 @@
+"""Many steps from a state: what starts them, the loop over them, and the loop of an error-controlled solver."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+
+from jaxsph import surroundings
+from jaxsph.dynamics import accelerations, constrain, place_boundaries, positions_of, prepare
+from jaxsph.effects import AcousticDamper, ShepardFilter
+from jaxsph.flow import density_rates, filtered, summed_deviations
+from jaxsph.health import GAVE_UP, NOT_FINITE, all_finite
+from jaxsph.integrate import noted
+from jaxsph.pytree import replace
+from jaxsph.state import State, to_columns, to_rows
+
+
+def ready(scene, found, state):
+    """References and columns of a state, as it is."""
+    references = prepare(scene, found)
+    return references, constrain(scene, references, to_columns(state.systems, found), state.time)
+
+
+ready_compiled = jax.jit(ready)
+
+
+def begin(scene, found, state, forward_mode=False):
+    """References, columns with the forces filled in, and whether the neighbor lists were too small for them."""
+    references, columns = ready(scene, found, state)
+    lists, placed = lists_of(scene, references, columns, found, state.time)
+    now = dict(columns)
+    if scene.fluids:
+        sums = summed_deviations(scene, references, columns, placed, lists, forward_mode=forward_mode)
+        now |= {name: {**columns[name], "density_deviation": deviation} for name, deviation in sums.items()}
+        if scene.effect(AcousticDamper) is not None:
+            rates = density_rates(scene, references, now, placed, lists, forward_mode=forward_mode)
+            now = noted(scene, now, rates)
+    fresh = accelerations(scene, references, now, state.time, lists, placed, forward_mode=forward_mode)
+    # A state that has been stepped brings the acceleration of its last step: continuing it is exact.
+    for name, found_now in fresh.items():
+        kept = {k: jnp.where(state.step == 0, new, columns[name][k]) for k, new in found_now.items()}
+        columns[name] = {**columns[name], **kept}
+    overflows = [neighbors.did_buffer_overflow for neighbors in (lists or {}).values()]
+    return references, columns, jnp.any(jnp.array(overflows, bool))
+
+
+def lists_of(scene, references, columns, found, time):
+    """Neighbor lists of the systems that meet, and walls where they are at a time."""
+    if not scene.meets:
+        return None, None
+    placed = place_boundaries(scene, references, columns, time)
+    return surroundings.rebuild(scene, found, positions_of(scene, columns, placed)), placed
+
+
+begin_compiled = jax.jit(begin)
+
+
+def advance(
+    scene, references, columns, found, state, time_step, n_steps, integrator, forward_mode, rebuild_every=1, block=None
+):
+    """n_steps steps from a state. In blocks of `block` steps, each recomputed in reverse mode.
+
+    Where systems meet, neighbor lists are built every rebuild_every steps, of which n_steps and block are multiples.
+    Both numbers may be traced: one program then serves runs of any length, and has no reverse mode.
+    """
+    counted = isinstance(n_steps, int)
+    dt = jnp.asarray(time_step, scene.dtype)
+    shepard = scene.effect(ShepardFilter)
+
+    def time_of(number):
+        return state.time + number.astype(scene.dtype) * dt
+
+    def one_step(carry, number, lists=None):
+        return integrator.step(scene, references, carry, lists, time_of(number), dt, forward_mode=forward_mode)
+
+    def checkpointed(function):
+        if forward_mode or not counted:
+            return function
+        # Not of the many small steps of structures beside fluids.
+        names = () if scene.fluids else ("displacement_gradient",)
+        keep = jax.checkpoint_policies.save_only_these_names(*names)
+        return jax.checkpoint(function, policy=keep, prevent_cse=False)
+
+    def between_builds(carry, build):
+        columns, health = carry
+        first = build * rebuild_every
+        if scene.domain is not None:
+            for fluid in scene.fluids:
+                fields = columns[fluid.name]
+                columns = {**columns, fluid.name: {**fields, "position": scene.domain.wrap(fields["position"])}}
+        lists, _ = lists_of(scene, references, columns, found, time_of(first))
+        if shepard is not None:
+            apply_filter = lambda now: filtered(scene, references, now, lists, forward_mode=forward_mode)  # noqa: E731
+            due = shepard.due(state.step + first, rebuild_every)
+            columns = jax.lax.cond(due, apply_filter, dict, columns)
+        step = checkpointed(lambda carry, number, lists: one_step(carry, number, lists))
+        columns = _repeated(lambda carry, number: step(carry, first + number, lists), columns, rebuild_every)
+        assert lists is not None  # this is for scenes in which systems meet
+        placed = place_boundaries(scene, references, columns, time_of(first + rebuild_every))
+        positions = positions_of(scene, columns, placed)
+        health = surroundings.note(health, lists, positions, state.step + first + rebuild_every)
+        return columns, health
+
+    health = state.health
+    block = None if forward_mode else block
+    if scene.meets:
+        block = None if block is None else max(1, block // rebuild_every)
+        columns, health = _repeated(between_builds, (columns, health), n_steps // rebuild_every, block)
+    else:
+        columns = _repeated(checkpointed(one_step), columns, n_steps, block)
+    step = state.step + jnp.asarray(n_steps, jnp.int32)
+    finite = all_finite(jax.lax.stop_gradient(columns))
+    health = health.note(~finite, NOT_FINITE, step)
+    return columns, replace(state, time=state.time + dt * n_steps, step=step, health=health)
+
+
+def _repeated(once, carry, n, block=None):
+    """What n times carry = once(carry, number) gives; n may be traced.
+
+    In blocks of which only the start is kept for reverse mode, if a block's length is given.
+    """
+    if not isinstance(n, int):
+        return jax.lax.fori_loop(jnp.int32(0), n, lambda number, carry: once(carry, number), carry)
+
+    def several(carry, numbers):
+        return jax.lax.scan(lambda carry, number: (once(carry, number), None), carry, numbers)
+
+    numbers = jnp.arange(n, dtype=jnp.int32)
+    if block is None:
+        return several(carry, numbers)[0]
+    whole = n // block * block
+    run_block = jax.checkpoint(several, prevent_cse=False)
+    carry, _ = jax.lax.scan(run_block, carry, numbers[:whole].reshape(-1, block))
+    if whole < n:
+        carry, _ = run_block(carry, numbers[whole:])
+    return carry
+
+
+advance_compiled = jax.jit(advance, static_argnames=("forward_mode",))
+
+
+def with_rows(state, columns, found):
+    return replace(state, systems=to_rows(columns, found))
+
+
+def solve(
+    scene, references, columns, state, found, time_step, n_saves, n_steps, integrator, forward_mode, rebuild_every=1
+):
+    dt = jnp.asarray(time_step, scene.dtype)
+    times = state.time + dt * n_steps * jnp.arange(1, n_saves + 1, dtype=scene.dtype)
+    saved, reached, steps = integrator.solve(
+        scene, references, columns, found, state.time, times, dt, forward_mode=forward_mode
+    )
+    step = state.step + jnp.asarray(steps, jnp.int32)
+
+    def at_save(columns, time):
+        finite = all_finite(jax.lax.stop_gradient(columns))  # a solver that gave up leaves infinities
+        health = state.health.note(~finite & ~reached, GAVE_UP, step).note(~finite, NOT_FINITE, step)
+        lists, placed = lists_of(scene, references, columns, found, time)
+        if lists is not None:
+            health = surroundings.note(health, lists, positions_of(scene, columns, placed), step)
+        return State(time, step, to_rows(columns, found), health)
+
+    return jax.vmap(at_save)(saved, times)
+
+
+solve_compiled = jax.jit(solve, static_argnames=("n_saves", "n_steps", "forward_mode", "rebuild_every"))

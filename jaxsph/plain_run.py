@@ -1,0 +1,140 @@
+"""A run with plain numbers: from save to save, with progress, a file written as it goes, and room made where needed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from contextlib import nullcontext
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph import surroundings
+from jaxsph.advance import advance_compiled, begin_compiled, ready_compiled, solve_compiled, with_rows
+from jaxsph.dynamics import Order, in_cell_order, place_boundaries, positions_of
+from jaxsph.health import BEYOND_SKIN, GOOD, OVERFLOW, raise_if_failed
+from jaxsph.integrate import Diffrax
+from jaxsph.pytree import replace
+from jaxsph.trajectory import Trajectory
+
+
+def run_plain(scene, found, state, time_step, n_saves, progress, out, options):
+    """Advance from save to save with plain numbers."""
+    references, columns, found = _start(scene, found, state, options)
+    first = jax.device_get(with_rows(state, columns, found))
+    saved = [first]
+    whole = lambda: jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *saved)  # noqa: E731
+    writer = nullcontext() if out is None else _writer(out, scene, found, time_step, n_saves, options)
+    with writer as file:
+        if file is not None:
+            file.append_state(first)
+        states = _states(scene, references, columns, state, found, time_step, n_saves, options)
+        for rows in _bar(states, n_saves, progress):
+            if int(rows.health.reason) != GOOD:
+                raise_if_failed(rows, Trajectory(scene, whole(), float(time_step)))
+            saved.append(rows)
+            if file is not None:
+                file.append_state(rows)
+    return whole()
+
+
+EVOLVED = ("position", "displacement", "remainder", "velocity", "density_deviation", "pressure")
+"""Fields that a run starts with as they are given; a step of no duration could round them, or sum a density anew."""
+
+
+def _start(scene, found, state, options):
+    """References, columns with the forces filled in, and lists with room for them.
+
+    The forces are those that a step of no duration finds, which spares compiling a program for them alone.
+    """
+    if isinstance(options["integrator"], Diffrax):
+        references, columns, too_small = begin_compiled(scene, found, state)
+        while too_small:
+            found = _with_room(scene, found)
+            references, columns, too_small = begin_compiled(scene, found, state)
+        return references, columns, found
+    references, columns = ready_compiled(scene, found, state)
+    if int(state.step) == 0:  # one that has been stepped brings the forces of its last step
+        once = {**options, "n_steps": 1, "rebuild_every": 1}
+        stepped, _, found, _ = _to_next_save(scene, references, columns, replace(state, systems={}), found, 0.0, once)
+        for name, fields in stepped.items():
+            columns[name] = {**fields, **{k: v for k, v in columns[name].items() if k in EVOLVED}}
+    return references, columns, found
+
+
+def _states(scene, references, columns, state, found, time_step, n_saves, options):
+    """The state at each save, one after the other."""
+    if isinstance(options["integrator"], Diffrax):
+        states = solve_compiled(scene, references, columns, state, found, time_step, n_saves, **options)
+        states = jax.device_get(states)
+        for i in range(n_saves):
+            yield jax.tree.map(lambda leaf, i=i: leaf[i], states)
+        return
+    state = replace(state, systems={})
+    for _ in range(n_saves):
+        columns, state, found, options = _to_next_save(scene, references, columns, state, found, time_step, options)
+        yield jax.device_get(with_rows(state, columns, found))
+        references, columns, found = _in_cell_order(scene, references, columns, found)
+
+
+def _in_cell_order(scene, references, columns, found):
+    """Fluids put in cell order again, so that neighbors stay near each other in memory."""
+    references, columns, found = dict(references), dict(columns), dict(found)
+    for fluid in scene.fluids:
+        name = fluid.name
+        permutation = in_cell_order(scene, np.asarray(columns[name]["position"]).T)
+        found[name] = Order.of(np.asarray(found[name].order)[permutation])
+        columns[name] = {field: value[..., permutation] for field, value in columns[name].items()}
+        mass = references[name].mass
+        references[name] = replace(references[name], mass=mass[permutation] if jnp.ndim(mass) else mass)
+    return references, columns, found
+
+
+def _to_next_save(scene, references, columns, state, found, time_step, options):
+    """One interval; again, with more room, skin or more frequent builds, if the neighbor lists did not suffice."""
+    while True:
+        counts = {name: np.int32(options[name]) for name in ("n_steps", "rebuild_every")}  # traced: see advance
+        advanced, new = advance_compiled(scene, references, columns, found, state, time_step, **options | counts)
+        reason = int(new.health.reason) if scene.meets else GOOD
+        if reason == BEYOND_SKIN and options["rebuild_every"] > 1:
+            options = {**options, "rebuild_every": options["rebuild_every"] // 2}
+        elif reason == BEYOND_SKIN and float(new.health.number) < _longest_way(scene, found):
+            # One step alone is too much for this skin: the fluid is faster than a few times its sound speed's tenth.
+            placed = place_boundaries(scene, references, columns, state.time)
+            positions = positions_of(scene, columns, placed)
+            found = {**found, **surroundings.allocate(scene, positions, skin=2 * float(new.health.limit))}
+        elif reason == OVERFLOW and np.isfinite(float(new.health.number)):
+            found = _with_room(scene, found, 1.1 * float(new.health.number) / float(new.health.limit))
+        else:
+            return advanced, new, found, options
+
+
+def _longest_way(scene, found):
+    """How much closer particles may come in one step [m] before the run counts as unstable: the support radius."""
+    a, b = surroundings.pairs_of(scene)[0]
+    return found[f"{a}-{b}"].cutoff
+
+
+def _with_room(scene, found, factor: float = 0.0):
+    """Lists with room for more neighbors by this factor, or a third if that is more."""
+    found = dict(found)
+    for a, b in surroundings.pairs_of(scene):
+        found[f"{a}-{b}"] = surroundings.enlarged(found[f"{a}-{b}"], max(1.34, factor))
+    return found
+
+
+def _writer(out, scene, found, time_step, n_saves, options):
+    from jaxsph.files import RunWriter  # h5py, for runs that are saved
+
+    about = {"time_step": float(time_step), "integrator": type(options["integrator"]).__name__}
+    return RunWriter(out, scene, found, metadata=about, saves=n_saves + 1)
+
+
+def _bar(states: Iterable, n_saves: int, progress: bool):
+    if not progress:
+        return states
+    try:
+        from tqdm import tqdm
+    except ImportError as error:
+        raise ImportError("progress=True needs tqdm: pip install 'jaxsph[plot]'") from error
+    return tqdm(states, total=n_saves, unit="save", desc="simulate")
