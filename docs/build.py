@@ -4,6 +4,7 @@ A page asks for a table with a pair of markers, and everything between them is r
 
     <!-- results:begin validation -->          every row of docs/results/validation.json
     <!-- results:begin validation S03,S05 -->  the rows whose id starts with S03 or S05
+    <!-- results:begin validation S03 judged -->  of these the rows that have a limit
     <!-- results:begin stability H05 -->       rows of docs/results/stability.json, and whether each keeps its limit
     <!-- results:begin benchmark -->           every row of docs/results/benchmark.json
     <!-- results:begin modal -->               every row of docs/results/modal.json
@@ -180,6 +181,8 @@ def markdown_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[tuple[st
 def tables(ask: str, results: Path = RESULTS) -> str:
     """What stands between the markers for one request: "", "validation", "validation S03,S05", "benchmark"..."""
     name, _, listed = ask.partition(" ")
+    judged = listed.endswith(" judged")
+    listed = listed.removesuffix(" judged")
     parts = []
     for table in [name] if name else ALL_TABLES:
         columns, command = TABLES.get(table, ((), ""))
@@ -189,7 +192,7 @@ def tables(ask: str, results: Path = RESULTS) -> str:
             found = [row for row in everything if str(row["id"]).startswith(prefix.strip()) and row not in rows]
             if not found:
                 raise BuildError(f"{table}.json has no row whose id starts with {prefix.strip()!r}: run `{command}`")
-            rows += found
+            rows += [row for row in found if not judged or row["limit"] is not None]
         machines = sorted({str(row["machine"]) for row in rows})
         parts.append(f"{markdown_table(rows, columns)}\nMade by `{command}` on {'; '.join(machines)}.\n")
     return "\n" + "\n".join(parts) + "\n"

@@ -81,5 +81,9 @@ def test_tables_hold_the_rows_asked_for(tmp_path):
     assert re.findall(r"^\| (\w\d\d)", filled, re.MULTILINE) == ["I01", "S02"]
     assert "limit" not in filled and "old" not in filled and f"`{command}` on a machine" in filled
     assert build.fill(filled, tmp_path) == filled
+    rows[0]["limit"] = 1.0
+    (tmp_path / "validation.json").write_text(json.dumps(rows))
+    judged = build.fill(text.replace("I,S02", "S,I judged"), tmp_path)
+    assert re.findall(r"^\| (\w\d\d)", judged, re.MULTILINE) == ["S01"]
     with pytest.raises(build.BuildError, match="no row whose id starts with 'T'"):
         build.fill(text.replace("I,S02", "T"), tmp_path)
