@@ -17,6 +17,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,7 +105,7 @@ class Dam:
         return f"{self.particles:,} particles, {self.walls:,} of walls"
 
 
-class Peer:
+class Peer(ABC):
     """Another code in a process of its own, timed in turn with ours; or the reason why it is not."""
 
     package, program, precision = "", "", ""
@@ -121,8 +122,9 @@ class Peer:
         self.measure()  # compiles, if it compiles
         self.results.clear()
 
+    @abstractmethod
     def arguments(self) -> list[str]:
-        raise NotImplementedError
+        """Of the program's command line."""
 
     def environment(self) -> dict[str, str]:
         return {**os.environ, "OMP_NUM_THREADS": str(threads())}
