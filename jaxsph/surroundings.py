@@ -35,7 +35,14 @@ def pairs_of(scene) -> list[tuple[str, str]]:
     return pairs + [(w.name, w.name) for w in scene.boundaries if fluids and isinstance(w.pressure, WallSummation)]
 
 
-def allocate(scene, positions: dict, *, skin: float | None = None, capacity_multiplier: float = CAPACITY_MULTIPLIER):
+def allocate(
+    scene,
+    positions: dict,
+    *,
+    skin: float | None = None,
+    capacity_multiplier: float = CAPACITY_MULTIPLIER,
+    near_only: bool = True,
+):
     """Lists by "receiver-sender", from concrete positions (d, N) of every system.
 
     Args:
@@ -43,6 +50,7 @@ def allocate(scene, positions: dict, *, skin: float | None = None, capacity_mult
         positions: by name.
         skin: [m]; None takes `SKIN` support radii of the fluids, without fluids half the largest spacing.
         capacity_multiplier: arrays are larger by this factor than these positions need.
+        near_only: whether particles that are far from all of the other set are left out of the lists of two sets.
 
     Raises ParticleOutside and ValueError as `NeighborSearch.allocate`.
     """
@@ -62,7 +70,7 @@ def allocate(scene, positions: dict, *, skin: float | None = None, capacity_mult
     lists = {}
     for a, b in pairs_of(scene):
         search = neighbor_list(domain, reach if a == TOUCHING else cutoff, skin, capacity_multiplier, box=box)
-        lists[f"{a}-{b}"] = search.template(positions[a], None if a == b else positions[b], near_only=True)
+        lists[f"{a}-{b}"] = search.template(positions[a], None if a == b else positions[b], near_only=near_only)
     return lists
 
 

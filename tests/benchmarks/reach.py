@@ -1,0 +1,73 @@
+"""What it saves that particles which an effect can't reach do not pay for it: those far from the other set of a list.
+
+The same runs with lists that have a row for every particle, and with lists of the particles near the other set, as
+`simulate` makes them. From the start of each scene, while most of its walls are dry, and when the water has spread.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import jax
+import numpy as np
+from measure import interleaved, row
+
+import jaxsph
+from jaxsph import surroundings
+
+STEPS = 256
+
+
+def scenes(precision: str, quick: bool) -> dict:
+    """By name the scene and how long it runs before the later measurement [s]."""
+    particles = 20 if quick else 71
+    return {
+        f"dam break, H / dx = {particles}": (jaxsph.scenes.dam_break(particles, dtype=precision), 1.0),
+        "dam break on a plate, a / dx = 15": (jaxsph.scenes.dam_break_plate(15, dtype=precision), 0.3),
+    }
+
+
+def rows(precision: str, quick: bool) -> Iterator[list[dict]]:
+    """Rows of one scene after the other."""
+    for name, (scene, later) in scenes(precision, quick).items():
+        for moment in (0.0,) if quick else (0.0, later):
+            state = None if moment == 0 else jaxsph.simulate(scene, moment).final
+            yield [saving(name, scene, moment, state, precision)]
+
+
+def saving(name, scene, moment, state, precision) -> dict:
+    found = jaxsph.topologies(scene, state)
+    state = jaxsph.simulate(scene, jaxsph.stable_time_step(scene)).final if state is None else state
+    everyone = {**found, **surroundings.allocate(scene, placed(scene, found, state), near_only=False)}
+    calls, step = {}, jaxsph.stable_time_step(scene, found)
+    for which, lists in (("near", found), ("all", everyone)):
+
+        def run(lists=lists):
+            out = jaxsph.simulate(
+                scene, STEPS * step * (1 - 1e-6), state=state, time_step=step, topologies_of_scene=lists
+            )
+            np.asarray(out.final.step)
+
+        begin = time.perf_counter()
+        run()
+        calls[which] = (run, time.perf_counter() - begin)
+    timings = interleaved(calls, 20.0)
+    for which, timing in timings.items():
+        print(timing.line(f"{name}, t = {moment:g} s, {which}"), flush=True)
+    value = 1 - 1 / timings["all"].over(timings["near"])
+    counts = ", ".join(f"{s.n_particles:,} {s.name}" for s in scene.systems)
+    identity = f"reach.{name.split(',')[0].replace(' ', '_')}.{moment:g}.{precision}"
+    return row(
+        identity, name, f"time saved by lists of near particles, t = {moment:g} s", value, "share", counts, precision
+    )
+
+
+def placed(scene, found, state) -> dict:
+    """Positions (d, N) in cell order, as `topologies` has them."""
+    from jaxsph.dynamics import place_boundaries, positions_of, prepare
+    from jaxsph.state import to_columns
+
+    references, columns = prepare(scene, found), to_columns(state.systems, found)
+    positions = positions_of(scene, columns, place_boundaries(scene, references, columns, state.time))
+    return jax.device_get(positions)
