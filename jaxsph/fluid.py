@@ -11,10 +11,11 @@ from jaxsph.geometry.shapes import Particles
 from jaxsph.materials.state_equation import LinearStateEquation, StateEquation
 from jaxsph.materials.viscosity import MorrisViscosity, ViscosityLaw
 from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, static
+from jaxsph.system import System
 
 
 @pytree_dataclass
-class Fluid:
+class Fluid(System):
     """A weakly compressible fluid.
 
     Attributes:
@@ -85,21 +86,6 @@ class Fluid:
                         f"{prefix}pressure reaches {np.min(self.pressure):.4g} Pa, at which the equation of state "
                         f"gives a density of {lowest:.4g} kg/m^3; take a higher sound speed or a background pressure"
                     )
-
-    @property
-    def dimension(self) -> int:
-        """2 or 3."""
-        return self.particles.positions.shape[1]
-
-    @property
-    def n_particles(self) -> int:
-        """Number of particles."""
-        return self.particles.positions.shape[0]
-
-    @property
-    def dtype(self):
-        """Precision of the fluid's arrays."""
-        return self.particles.positions.dtype
 
     def initial_deviation(self):
         """Initial density less rest density [kg/m^3], one number or (N,)."""

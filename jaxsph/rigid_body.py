@@ -17,12 +17,13 @@ from jaxsph import checks
 from jaxsph.geometry.shapes import Particles
 from jaxsph.pair_sum import dot
 from jaxsph.pytree import as_real, pytree_dataclass, static
+from jaxsph.system import System
 from jaxsph.tensors import inverse
 from jaxsph.walls import AdamiExtrapolation, WallPressure
 
 
 @pytree_dataclass
-class RigidBody:
+class RigidBody(System):
     """A body that moves but does not deform, free to turn. One that follows a prescribed motion is a `Wall`.
 
     Fluids meet it as they meet a `Structure`, other solids and walls through `Contact`.
@@ -81,26 +82,6 @@ class RigidBody:
             checks.check_positive(f"{prefix}thickness", self.thickness, "m")
         checks.check_finite(f"{prefix}velocity", self.velocity, (self.dimension,))
         checks.check_finite(f"{prefix}angular_velocity", self.angular_velocity, () if self.dimension == 2 else (3,))
-
-    @property
-    def moves(self) -> bool:
-        """Whether its particles change their places: always."""
-        return True
-
-    @property
-    def dimension(self) -> int:
-        """2 or 3."""
-        return self.particles.positions.shape[1]
-
-    @property
-    def n_particles(self) -> int:
-        """Number of particles."""
-        return self.particles.positions.shape[0]
-
-    @property
-    def dtype(self):
-        """Precision of the body's arrays."""
-        return self.particles.positions.dtype
 
     def initial_velocity(self):
         """Velocities (N, d) [m/s] of the particles at the start."""

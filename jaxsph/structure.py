@@ -23,6 +23,7 @@ from jaxsph.kernels import Kernel, WendlandC2
 from jaxsph.materials.elastic import ElasticLaw, StVenantKirchhoff, lame_parameters
 from jaxsph.pair_sum import Edges, PairList, apply, dot, pair_edges, pair_sum
 from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, replace, static
+from jaxsph.system import System
 from jaxsph.tensors import inverse, multiply, transpose
 from jaxsph.walls import AdamiExtrapolation, WallPressure
 
@@ -32,7 +33,7 @@ SMOOTHING_LENGTH = 0.87
 
 
 @pytree_dataclass
-class Structure:
+class Structure(System):
     """An elastic body.
 
     Attributes:
@@ -116,26 +117,6 @@ class Structure:
         if np.shape(self.velocity) not in ((d,), (n, d)):
             raise ValueError(f"{prefix}velocity has shape {np.shape(self.velocity)}; it must be ({d},) or ({n}, {d})")
         checks.check_finite(f"{prefix}velocity", self.velocity)
-
-    @property
-    def moves(self) -> bool:
-        """Whether its particles change their places: always."""
-        return True
-
-    @property
-    def dimension(self) -> int:
-        """2 or 3."""
-        return self.particles.positions.shape[1]
-
-    @property
-    def n_particles(self) -> int:
-        """Number of particles."""
-        return self.particles.positions.shape[0]
-
-    @property
-    def dtype(self):
-        """Precision of the structure's arrays."""
-        return self.particles.positions.dtype
 
 
 @pytree_dataclass

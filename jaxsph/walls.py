@@ -15,6 +15,7 @@ from jaxsph import checks
 from jaxsph.geometry.shapes import Particles
 from jaxsph.pair_sum import dot
 from jaxsph.pytree import as_real, pytree_dataclass, static
+from jaxsph.system import System
 
 
 class WallPressure:
@@ -135,7 +136,7 @@ class WallSummation(WallPressure):
 
 
 @pytree_dataclass
-class Wall:
+class Wall(System):
     """A wall.
 
     Attributes:
@@ -185,21 +186,6 @@ class Wall:
     def moves(self) -> bool:
         """Whether its particles change their places."""
         return self.motion is not None
-
-    @property
-    def dimension(self) -> int:
-        """2 or 3."""
-        return self.particles.positions.shape[1]
-
-    @property
-    def n_particles(self) -> int:
-        """Number of particles."""
-        return self.particles.positions.shape[0]
-
-    @property
-    def dtype(self):
-        """Precision of the wall's arrays."""
-        return self.particles.positions.dtype
 
     def placed(self, positions, time):
         """Positions, velocities and accelerations (d, N) at a time [s] of particles at positions (d, N) at t = 0."""
