@@ -62,3 +62,9 @@ def check_time(name: str, value) -> None:
         raise ValueError(f"{name} must be a plain number, not a traced one: the number of steps is compiled in")
     if not (math.isfinite(float(value)) and float(value) > 0):
         raise ValueError(f"{name} = {value} must be positive and finite [s]")
+
+
+def check_name(name, number: str) -> None:
+    """Raise ValueError unless a system's name can stand before that of a number, as in "beam.density"."""
+    if not isinstance(name, str) or not name.isidentifier():
+        raise ValueError(f"name {name!r} must be a word that can stand in 'name.{number}'")

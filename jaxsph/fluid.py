@@ -46,8 +46,7 @@ class Fluid(System):
 
     def __post_init__(self):
         d, real = self.dimension, self.dtype
-        if not isinstance(self.name, str) or not self.name.isidentifier():
-            raise ValueError(f"name {self.name!r} must be a word that can stand in 'name.viscosity'")
+        checks.check_name(self.name, "viscosity")
         for name in ("density", "sound_speed", "viscosity"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, as_real(getattr(self, name), real))

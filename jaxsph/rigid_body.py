@@ -19,7 +19,7 @@ from jaxsph.pair_sum import dot
 from jaxsph.pytree import as_real, pytree_dataclass, static
 from jaxsph.system import System
 from jaxsph.tensors import inverse
-from jaxsph.walls import AdamiExtrapolation, WallPressure
+from jaxsph.walls import AdamiExtrapolation, WallPressure, check_model
 
 
 @pytree_dataclass
@@ -53,12 +53,8 @@ class RigidBody(System):
 
     def __post_init__(self):
         d, real = self.dimension, self.dtype
-        if not isinstance(self.name, str) or not self.name.isidentifier():
-            raise ValueError(f"name {self.name!r} must be a word that can stand in 'name.density'")
-        if not isinstance(self.pressure, WallPressure):
-            raise ValueError(
-                f"{self.name}.pressure is {self.pressure!r}; it must be a model such as AdamiExtrapolation()"
-            )
+        checks.check_name(self.name, "density")
+        check_model(self)
         spin = np.zeros(() if d == 2 else 3)
         object.__setattr__(self, "density", as_real(self.density, real))
         object.__setattr__(self, "velocity", as_real(np.zeros(d) if self.velocity is None else self.velocity, real))

@@ -25,7 +25,7 @@ from jaxsph.pair_sum import Edges, PairList, apply, dot, pair_edges, pair_sum
 from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, replace, static
 from jaxsph.system import System
 from jaxsph.tensors import inverse, multiply, transpose
-from jaxsph.walls import AdamiExtrapolation, WallPressure
+from jaxsph.walls import AdamiExtrapolation, WallPressure, check_model
 
 SMOOTHING_LENGTH = 0.87
 """Smoothing length of a structure in particle spacings, for the Wendland C2 kernel: a compact neighborhood
@@ -77,8 +77,7 @@ class Structure(System):
     def __post_init__(self):
         n, d = self.particles.positions.shape
         real = self.particles.positions.dtype
-        if not isinstance(self.name, str) or not self.name.isidentifier():
-            raise ValueError(f"name {self.name!r} must be a word that can stand in 'name.youngs_modulus'")
+        checks.check_name(self.name, "youngs_modulus")
         for name in ("density", "youngs_modulus", "poisson_ratio"):
             object.__setattr__(self, name, as_real(getattr(self, name), real))
         clamped = self.clamped
@@ -90,10 +89,7 @@ class Structure(System):
         object.__setattr__(self, "clamped", clamped)
         velocity = np.zeros(d) if self.velocity is None else self.velocity
         object.__setattr__(self, "velocity", as_real(velocity, real))
-        if not isinstance(self.pressure, WallPressure):
-            raise ValueError(
-                f"{self.name}.pressure is {self.pressure!r}; it must be a model such as AdamiExtrapolation()"
-            )
+        check_model(self)
         h = SMOOTHING_LENGTH * self.particles.spacing if self.smoothing_length is None else self.smoothing_length
         object.__setattr__(self, "smoothing_length", as_real(h, real))
         self.check()

@@ -44,6 +44,14 @@ class WallPressure:
         raise NotImplementedError
 
 
+def check_model(boundary) -> None:
+    """Raise ValueError unless the pressure of a wall or solid is a model of it."""
+    if not isinstance(boundary.pressure, WallPressure):
+        raise ValueError(
+            f"{boundary.name}.pressure is {boundary.pressure!r}; it must be a model such as AdamiExtrapolation()"
+        )
+
+
 @pytree_dataclass
 class AdamiExtrapolation(WallPressure):
     """The pressure of the fluid, continued hydrostatically: equation (6) of the poster.
@@ -163,12 +171,8 @@ class Wall(System):
     thickness: float | None = static(default=None)
 
     def __post_init__(self):
-        if not isinstance(self.name, str) or not self.name.isidentifier():
-            raise ValueError(f"name {self.name!r} must be a word that can stand in 'name.velocity'")
-        if not isinstance(self.pressure, WallPressure):
-            raise ValueError(
-                f"{self.name}.pressure is {self.pressure!r}; it must be a model such as AdamiExtrapolation()"
-            )
+        checks.check_name(self.name, "velocity")
+        check_model(self)
         if self.motion is not None and self.velocity is not None:
             raise ValueError(f"{self.name} has both a motion and a velocity; a moving wall's velocity is its motion's")
         if self.velocity is not None:
