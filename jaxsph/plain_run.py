@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph import surroundings
-from jaxsph.advance import advance_compiled, begin_compiled, ready_compiled, solve_compiled, with_rows
+from jaxsph.advance import advance_compiled, begin_compiled, ready_compiled, solve_compiled
 from jaxsph.dynamics import Order, in_cell_order, place_boundaries, positions_of
 from jaxsph.health import BEYOND_SKIN, GOOD, OVERFLOW, raise_if_failed
 from jaxsph.integrate import Diffrax
@@ -21,7 +21,7 @@ from jaxsph.trajectory import Trajectory
 def run_plain(scene, found, state, time_step, n_saves, progress, out, options):
     """Advance from save to save with plain numbers."""
     references, columns, found = _start(scene, found, state, options)
-    first = jax.device_get(with_rows(state, columns, found))
+    first = _on_host(state, columns, found)
     saved = [first]
     whole = lambda: jax.tree.map(lambda *leaves: jnp.asarray(np.stack(leaves)), *saved)  # noqa: E731
     writer = nullcontext() if out is None else _writer(out, scene, found, time_step, n_saves, options)
@@ -73,8 +73,17 @@ def _states(scene, references, columns, state, found, time_step, n_saves, option
     state = replace(state, systems={})
     for _ in range(n_saves):
         columns, state, found, options = _to_next_save(scene, references, columns, state, found, time_step, options)
-        yield jax.device_get(with_rows(state, columns, found))
+        yield _on_host(state, columns, found)
         references, columns, found = _in_cell_order(scene, references, columns, found)
+
+
+def _on_host(state, columns, found):
+    """The state with its systems in the user's order, as NumPy arrays: a call of JAX for each field takes several times as long."""
+    systems = {}
+    for name, fields in columns.items():
+        rank = np.asarray(found[name].rank)
+        systems[name] = {field: np.moveaxis(np.asarray(value), -1, 0)[rank] for field, value in fields.items()}
+    return replace(jax.device_get(state), systems=systems)
 
 
 def _in_cell_order(scene, references, columns, found):
@@ -84,7 +93,7 @@ def _in_cell_order(scene, references, columns, found):
         name = fluid.name
         permutation = in_cell_order(scene, np.asarray(columns[name]["position"]).T)
         found[name] = Order.of(np.asarray(found[name].order)[permutation])
-        columns[name] = {field: value[..., permutation] for field, value in columns[name].items()}
+        columns[name] = {field: np.asarray(value)[..., permutation] for field, value in columns[name].items()}
         mass = references[name].mass
         references[name] = replace(references[name], mass=mass[permutation] if jnp.ndim(mass) else mass)
     return references, columns, found
