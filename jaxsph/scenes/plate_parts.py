@@ -37,16 +37,19 @@ def without(walls: Particles, body: Particles) -> Particles:
     return walls.where(~np.all((walls.positions > low + margin) & (walls.positions < high - margin), axis=1))
 
 
+USUAL = (DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(PENALTY))
+"""Effects of the scenes of fluids and plates."""
+
+
 def plate_scene(*systems, effects, smoothing, inside) -> Scene:
     """Gravity, the effects that such scenes share, and a domain with room for what splashes out."""
     gravity = np.zeros(systems[0].dimension)
     gravity[-1] = -GRAVITY
     reach = 2.0 * np.asarray(inside)
-    default = [DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(PENALTY)]
     return Scene(
         *systems,
         gravity=gravity,
-        effects=default if effects is None else effects,
+        effects=USUAL if effects is None else effects,
         smoothing_length=smoothing,
         domain=Domain(-reach, 2 * reach),
     )
