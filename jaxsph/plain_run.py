@@ -78,7 +78,10 @@ def _states(scene, references, columns, state, found, time_step, n_saves, option
 
 
 def _on_host(state, columns, found):
-    """The state with its systems in the user's order, as NumPy arrays: a call of JAX for each field takes several times as long."""
+    """The state with its systems in the user's order, as NumPy arrays.
+
+    A call of JAX for each field takes several times as long.
+    """
     systems = {}
     for name, fields in columns.items():
         rank = np.asarray(found[name].rank)
