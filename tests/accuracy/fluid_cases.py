@@ -150,7 +150,7 @@ CASES = [
         {"velocity": "relative L2 error of the velocity at t = 1"},
         vortices,
         (0.05, 0.02, 0.01),
-        peers=(Peer("taylor_green", (25, 50, 100), vortices_of_peer),),
+        peers=(Peer("taylor_green", (25, 50), vortices_of_peer),),
     ),
     Case(
         "poiseuille",

@@ -182,6 +182,10 @@ def write_page(docs: Path) -> None:
     known = {row["id"] for row in load(docs / "results" / "accuracy.json")}
     first, *sections = (Path(__file__).parent / "page.md").read_text(encoding="utf-8").split("\n## ")
     asked = lambda text: re.findall(r"results:begin accuracy (\w+)", text)  # noqa: E731
+    missing = [case for case in CASES if case.id not in known]
+    if missing:
+        titles, ids = ", ".join(case.title for case in missing), ",".join(case.id for case in missing)
+        first += f'\n**Not measured yet**: {titles}.\n`make accuracy ARGS="--only {ids}"` makes them.\n'
     shown = [first, *(text for text in sections if all(name in known for name in asked(text)))]
     text = build.fill("\n## ".join(shown))  # pyright: ignore[reportAttributeAccessIssue]
     (docs / "accuracy.md").write_text(text, encoding="utf-8")
