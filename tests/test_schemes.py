@@ -230,6 +230,7 @@ def test_a_damper_needs_a_density_that_evolves():
         periodic(effects=[sph.AcousticDamper()], density=sph.SummationDensity())
 
 
+@pytest.mark.slow
 def test_traced_and_plain_runs_start_with_the_same_forces():
     """A plain run finds them by a step of no duration, a traced one by themselves. Also of densities that are sums."""
     for scene in (
