@@ -164,6 +164,7 @@ def show(value: Any) -> str:
     if value is None:
         return ""
     if isinstance(value, float):
+        value = value + 0.0  # minus zero is zero
         if value == 0 or 1e-3 <= abs(value) < 1e5:
             return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
         return f"{value:.2e}"

@@ -29,7 +29,7 @@ def begin(scene, found, state, forward_mode=False):
     references, columns = ready(scene, found, state)
     lists, placed = lists_of(scene, references, columns, found, state.time)
     now = dict(columns)
-    if scene.fluids:
+    if scene.fluids:  # densities that are sums, and rates that the forces read, are those of this moment
         sums = summed_deviations(scene, references, columns, placed, lists, forward_mode=forward_mode)
         now |= {name: {**columns[name], "density_deviation": deviation} for name, deviation in sums.items()}
         if scene.effect(AcousticDamper) is not None:

@@ -6,7 +6,7 @@ A wall takes part in the sums of a fluid as if it were fluid. What it lacks is a
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -28,20 +28,14 @@ class WallPressure:
     extrapolates = True
     clip = False
 
-    def pair(self, wall, fluid, pair, gravity):
-        """Pressure [Pa] that a fluid particle would have at the place of the wall particle.
+    pair: ClassVar[Any] = None
+    """pair(wall, fluid, pair, gravity): pressure [Pa] that a fluid particle would have where the wall particle is.
 
-        Args:
-            wall: `velocity`, `acceleration` (d,).
-            fluid: `velocity` (d,), `density`, `pressure`.
-            pair: geometry, from fluid to wall.
-            gravity: (d,) [m/s^2].
-        """
-        raise NotImplementedError
+    wall has `velocity`, `acceleration` (d,); fluid `velocity` (d,), `density`, `pressure`; pair is the geometry, from
+    fluid to wall; gravity (d,) [m/s^2]."""
 
-    def of_pair(self, fluid_pressure):
-        """Pressure of a wall particle [Pa] as seen by a fluid particle with this pressure."""
-        raise NotImplementedError
+    of_pair: ClassVar[Any] = None
+    """of_pair(fluid_pressure): pressure of a wall particle [Pa] as seen by a fluid particle with this pressure."""
 
 
 def check_model(boundary) -> None:

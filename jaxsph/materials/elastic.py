@@ -6,6 +6,8 @@ vanish in the rounding of F in float32. Two dimensions are plane strain. Tensors
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import jax.numpy as jnp
 
 from jaxsph.pytree import pytree_dataclass
@@ -31,16 +33,16 @@ def green_lagrange_strain(displacement_gradient):
     return 0.5 * (h + transpose(h) + multiply(transpose(h), h))
 
 
-class ElasticLaw:
+class ElasticLaw(ABC):
     """A hyperelastic law: a stored energy per reference volume and its derivative, the PK1 stress."""
 
+    @abstractmethod
     def stress(self, displacement_gradient, lam, mu):
         """PK1 stress P [Pa], (d, d, ...), from H (d, d, ...) and the Lame parameters [Pa]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def energy_density(self, displacement_gradient, lam, mu):
         """Stored energy per reference volume [J/m^3], (...)."""
-        raise NotImplementedError
 
 
 @pytree_dataclass

@@ -7,6 +7,7 @@ fluid would lose its pressure in the rounding of rho.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from typing import Any
 
 import jax.numpy as jnp
@@ -15,22 +16,22 @@ from jaxsph.checks import check_finite, check_positive
 from jaxsph.pytree import pytree_dataclass
 
 
-class StateEquation:
+class StateEquation(ABC):
     """Pressure p [Pa] of a fluid whose density deviates from rest, the inverse, and the energy that it stores."""
 
     background_pressure: Any
 
+    @abstractmethod
     def pressure(self, deviation, rest_density, sound_speed):
         """p [Pa] from rho - rho_0 [kg/m^3], rho_0 [kg/m^3] and c [m/s]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def deviation(self, pressure, rest_density, sound_speed):
         """rho - rho_0 [kg/m^3] from p [Pa]."""
-        raise NotImplementedError
 
+    @abstractmethod
     def energy(self, deviation, rest_density, sound_speed):
         """Energy of the compression per mass [J/kg]: the integral of p / rho^2 drho from rho_0; zero at rest."""
-        raise NotImplementedError
 
 
 @pytree_dataclass

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import jax.numpy as jnp
 
 from jaxsph.pytree import pytree_dataclass
 
 
-class ViscosityLaw:
+class ViscosityLaw(ABC):
     """The force of a pair by viscosity.
 
     The published laws have x . grad W / (x^2 + .01 h^2), whose second term weakens the viscosity by .7 % at h = dx.
     Here grad W = F x with a finite F, so nothing need be added to x^2.
     """
 
+    @abstractmethod
     def force(self, a, b, pair):
         """Force on a from b [N, in 2D per meter], (d,).
 
@@ -21,7 +24,6 @@ class ViscosityLaw:
             a, b: fields `velocity` (d,) [m/s], `volume` [m^d], `viscosity` [Pa s].
             pair: geometry of the pair, see `jaxsph.flow.Pair`.
         """
-        raise NotImplementedError
 
 
 @pytree_dataclass

@@ -102,8 +102,8 @@ def water_column_on_plate(
 
     G. Fourey, C. Hermange, D. Le Touze, G. Oger (2017), Comput. Phys. Commun. 217, 66, section 5.1: an aluminium plate
     of 1 m x .05 m under 2 m of water. Its static deflection is what is asked for, so the plate is damped. Without that
-    the water, which does not see vibrations faster than its own steps as they are, feeds them until the plate breaks:
-    after .12 s with 7 particles across.
+    the water, which does not see vibrations faster than its own steps as they are, feeds them until the plate breaks
+    (see H17 in docs/stability.md).
 
     Args:
         across: particles over the thickness of the plate, the outermost on its surfaces; the water's spacing is theirs.

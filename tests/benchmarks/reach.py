@@ -15,6 +15,8 @@ from measure import interleaved, row
 
 import jaxsph
 from jaxsph import surroundings
+from jaxsph.dynamics import place_boundaries, positions_of, prepare
+from jaxsph.state import to_columns
 
 STEPS = 256
 
@@ -65,9 +67,6 @@ def saving(name, scene, moment, state, precision) -> dict:
 
 def placed(scene, found, state) -> dict:
     """Positions (d, N) in cell order, as `topologies` has them."""
-    from jaxsph.dynamics import place_boundaries, positions_of, prepare
-    from jaxsph.state import to_columns
-
     references, columns = prepare(scene, found), to_columns(state.systems, found)
     positions = positions_of(scene, columns, place_boundaries(scene, references, columns, state.time))
     return jax.device_get(positions)

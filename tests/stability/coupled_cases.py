@@ -1,14 +1,16 @@
-"""H07, H11, H12: thin and light plates that water strikes, heavy ones, and a channel of ten particles."""
+"""H07, H11, H12, H17: plates that water strikes or stands on, thin, light, heavy, stiff; a channel of ten particles."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
+import jax.numpy as jnp
 import numpy as np
 from rows import Case, Row, precision
 from watch import of_structure, rows_of, structure_rows, watch
 
 import jaxsph
+from jaxsph.scenes.plate_parts import USUAL
 
 HALF, DOUBLE = np.float32, np.float64
 WIDTH, HEIGHT = 0.146, 0.292  # of the column that breaks [m]
@@ -54,8 +56,27 @@ def channel(quick: bool) -> Iterator[list[Row]]:
         ]
 
 
+def stiff(quick: bool) -> Iterator[list[Row]]:
+    """A stiff plate under two meters of water for half a second, damped as the scene comes, and undamped."""
+
+    def speed(state):
+        return jnp.sqrt(jnp.mean(jnp.sum(state.systems["plate"]["velocity"] ** 2, axis=1)))
+
+    for name, effects in (("", None),) if quick else (("", None), (", undamped", USUAL)):
+        scene = jaxsph.scenes.water_column_on_plate(3, effects=effects, dtype=HALF)
+        watched = watch(scene, 0.5, 200, {"speed": speed})
+        where, speeds = (f"3 across{name}", precision(HALF)), watched.seen["speed"]
+        late = np.asarray(watched.run.times) > 0.8 * float(watched.run.times[-1])
+        rms = float(np.sqrt(np.mean(speeds[late] ** 2)))
+        yield [
+            *rows_of(watched, where, energy=None),
+            Row("rms speed of the plate in the last fifth [m/s]", rms, None, *where),
+        ]
+
+
 CASES = [
     Case("H07", "Thin plate that a dam break strikes", thin),
     Case("H11", "Density of the plate : water", ratios),
+    Case("H17", "Stiff plate under water, .5 s", stiff),
     Case("H12b", "Poiseuille flow with 10 particles across, to 10 h^2/nu", channel),
 ]
