@@ -221,7 +221,7 @@ def test_a_damper_takes_the_stated_share_of_a_sound_wave_and_no_momentum():
         amplitude = 2 * np.mean(u[:, 0] * np.sin(2 * np.pi * x)) / 1e-3
         expected = np.exp(-2 * np.pi**2 * alpha * 10.0 * scene.smoothing_length * 0.1)
         print(f"alpha {alpha}: {amplitude:.4f} of the wave is left, expected {expected:.4f}")
-        # 1 %: the formula leaves out the square of damping over frequency, .004, and the kernel smooths the wave a little.
+        # 1 %: the formula leaves out the square of damping over frequency, .004, and the kernel smooths the wave.
         assert abs(amplitude / expected - 1) < 0.01
         assert np.max(np.abs(np.mean(u, axis=0))) < 1e-15
 
