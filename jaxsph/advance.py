@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph import surroundings
-from jaxsph.dynamics import accelerations, constrain, place_boundaries, positions_of, prepare
+from jaxsph.dynamics import accelerations, constrain, place_boundaries, positions_of, prepare, speeds_of
 from jaxsph.effects import AcousticDamper, ShepardFilter
 from jaxsph.flow import density_rates, filtered, summed_deviations
 from jaxsph.health import GAVE_UP, NOT_FINITE, all_finite
@@ -56,12 +56,26 @@ begin_compiled = jax.jit(begin)
 
 
 def advance(
-    scene, references, columns, found, state, time_step, n_steps, integrator, forward_mode, rebuild_every=1, block=None
+    scene,
+    references,
+    columns,
+    found,
+    state,
+    time_step,
+    n_steps,
+    integrator,
+    forward_mode,
+    rebuild_every=1,
+    block=None,
+    reserve=None,
 ):
     """n_steps steps from a state. In blocks of `block` steps, each recomputed in reverse mode.
 
     Where systems meet, neighbor lists are built every rebuild_every steps, of which n_steps and block are multiples.
-    Both numbers may be traced: one program then serves runs of any length, and has no reverse mode.
+
+    With a reserve they are built when they are due instead: when particles could come closer than the skin allows in
+    the next step, if it takes them `reserve` times as far as their velocities now would. The number of steps may be
+    traced then: one program serves runs of any length, and has no reverse mode.
     """
     counted = isinstance(n_steps, int)
     dt = jnp.asarray(time_step, scene.dtype)
@@ -81,29 +95,62 @@ def advance(
         keep = jax.checkpoint_policies.save_only_these_names(*names)
         return jax.checkpoint(function, policy=keep, prevent_cse=False)
 
-    def between_builds(carry, build):
-        columns, health = carry
-        first = build * rebuild_every
+    def filtered_when_due(columns, lists, number):
+        if shepard is None:
+            return columns
+        apply_filter = lambda now: filtered(scene, references, now, lists, forward_mode=forward_mode)  # noqa: E731
+        return jax.lax.cond(filter_due(number), apply_filter, dict, columns)
+
+    def filter_due(number):
+        """At the first multiple of rebuild_every steps at or after one of the filter's."""
+        return (number % rebuild_every == 0) & shepard.due(state.step + number, rebuild_every)
+
+    def built(columns, number):
+        """Columns before a number of steps, and lists that are new."""
         if scene.domain is not None:
             for fluid in scene.fluids:
                 fields = columns[fluid.name]
                 columns = {**columns, fluid.name: {**fields, "position": scene.domain.wrap(fields["position"])}}
-        lists, _ = lists_of(scene, references, columns, found, time_of(first))
-        if shepard is not None:
-            apply_filter = lambda now: filtered(scene, references, now, lists, forward_mode=forward_mode)  # noqa: E731
-            due = shepard.due(state.step + first, rebuild_every)
-            columns = jax.lax.cond(due, apply_filter, dict, columns)
+        lists, _ = lists_of(scene, references, columns, found, time_of(number))
+        assert lists is not None  # this is for scenes in which systems meet
+        return filtered_when_due(columns, lists, number), lists
+
+    def note(health, columns, lists, number):
+        placed = place_boundaries(scene, references, columns, time_of(number))
+        return surroundings.note(health, lists, positions_of(scene, columns, placed), state.step + number)
+
+    def between_builds(carry, build):
+        columns, health = carry
+        first = build * rebuild_every
+        columns, lists = built(columns, first)
         step = checkpointed(lambda carry, number, lists: one_step(carry, number, lists))
         columns = _repeated(lambda carry, number: step(carry, first + number, lists), columns, rebuild_every)
-        assert lists is not None  # this is for scenes in which systems meet
-        placed = place_boundaries(scene, references, columns, time_of(first + rebuild_every))
-        positions = positions_of(scene, columns, placed)
-        health = surroundings.note(health, lists, positions, state.step + first + rebuild_every)
-        return columns, health
+        return columns, note(health, columns, lists, first + rebuild_every)
+
+    def until_due(carry):
+        assert reserve is not None
+        further = reserve * dt
+        columns, health, number = carry
+        columns, lists = built(columns, number)
+
+        def once(carry):
+            columns, number, _ = carry
+            columns, number = one_step(columns, number, lists), number + 1
+            placed = place_boundaries(scene, references, columns, time_of(number))
+            ways = {name: further * speed for name, speed in speeds_of(scene, columns, placed).items()}
+            due = ~surroundings.hold(lists, positions_of(scene, columns, placed), ways)
+            due = due if shepard is None else due | filter_due(number)
+            return columns, number, due | (number >= n_steps)
+
+        columns, number, _ = jax.lax.while_loop(lambda carry: ~carry[2], once, once((columns, number, False)))
+        return columns, note(health, columns, lists, number), number
 
     health = state.health
     block = None if forward_mode else block
-    if scene.meets:
+    if scene.meets and reserve is not None:
+        carry = (columns, health, jnp.int32(0))
+        columns, health, _ = jax.lax.while_loop(lambda carry: carry[2] < n_steps, until_due, carry)
+    elif scene.meets:
         block = None if block is None else max(1, block // rebuild_every)
         columns, health = _repeated(between_builds, (columns, health), n_steps // rebuild_every, block)
     else:

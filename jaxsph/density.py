@@ -42,7 +42,7 @@ class DensityCalculator(ABC):
     """of_divergence(total, density, volume): rate of the density [kg/(m^3 s)] from the sum of `divergence`."""
 
     @abstractmethod
-    def pressure_force(self, a, b, gradient):
+    def pressure_force(self, a, b, gradient) -> Any:
         """Force on a from b [N, in 2D per meter], (d,); antisymmetric."""
 
 

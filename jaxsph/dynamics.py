@@ -150,6 +150,22 @@ def positions_of(scene, columns, placed) -> dict:
     return positions
 
 
+def speeds_of(scene, columns, placed) -> dict:
+    """Largest speed [m/s] of the particles of every system of `positions_of`."""
+
+    def largest(velocity):
+        return jnp.sqrt(jnp.max(jnp.sum(velocity * velocity, axis=0)))
+
+    fluids = {fluid.name: columns[fluid.name] for fluid in scene.fluids}
+    speeds = {name: largest(fields["velocity"] + fields.get("shift", 0.0)) for name, fields in fluids.items()}
+    # A wall that only slides does not move.
+    speeds |= {wall.name: largest(placed[wall.name][1]) if wall.moves else 0.0 for wall in scene.walls}
+    speeds |= {solid.name: largest(placed[solid.name][1]) for solid in scene.solids}
+    if scene.effect(Contact) is not None:
+        speeds[TOUCHING] = jnp.max(jnp.stack([jnp.asarray(speeds[body.name], scene.dtype) for body in bodies(scene)]))
+    return speeds
+
+
 def accelerations(
     scene, references, columns: dict, time, lists=None, placed=None, *, forward_mode: bool = False
 ) -> dict:

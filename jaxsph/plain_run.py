@@ -42,6 +42,11 @@ EVOLVED = ("position", "displacement", "remainder", "velocity", "density_deviati
 """Fields that a run starts with as they are given; a step of no duration could round them, or sum a density anew."""
 
 
+RESERVE, LARGE_RESERVE = 1.25, 5.0
+"""How much further than its velocity says a particle may go in a step before lists that were thought to hold do not:
+at first, and once that was not enough."""
+
+
 def _start(scene, found, state, options):
     """References, columns with the forces filled in, and lists with room for them.
 
@@ -105,11 +110,13 @@ def _in_cell_order(scene, references, columns, found):
 def _to_next_save(scene, references, columns, state, found, time_step, options):
     """One interval; again, with more room, skin or more frequent builds, if the neighbor lists did not suffice."""
     while True:
-        counts = {name: np.int32(options[name]) for name in ("n_steps", "rebuild_every")}  # traced: see advance
-        advanced, new = advance_compiled(scene, references, columns, found, state, time_step, **options | counts)
+        counts = {name: np.int32(options[name]) for name in ("n_steps", "rebuild_every")}
+        reserve = options.get("reserve", RESERVE)
+        traced = {**counts, "reserve": np.asarray(reserve, scene.dtype)}  # see advance
+        advanced, new = advance_compiled(scene, references, columns, found, state, time_step, **options | traced)
         reason = int(new.health.reason) if scene.meets else GOOD
-        if reason == BEYOND_SKIN and options["rebuild_every"] > 1:
-            options = {**options, "rebuild_every": options["rebuild_every"] // 2}
+        if reason == BEYOND_SKIN and reserve < LARGE_RESERVE:
+            options = {**options, "reserve": LARGE_RESERVE}
         elif reason == BEYOND_SKIN and float(new.health.number) < _longest_way(scene, found):
             # One step alone is too much for this skin: the fluid is faster than a few times its sound speed's tenth.
             placed = place_boundaries(scene, references, columns, state.time)

@@ -61,9 +61,9 @@ def simulate(
         topologies_of_scene: from `topologies`, needed if positions are traced. With fluids it also decides how many
             neighbors there is room for under a transformation; a run with plain numbers makes more room by itself.
             Who continues a run many times passes the same each time, so that it is compiled once.
-        max_speed: of fluids and walls [m/s], from which follows how often neighbor lists are built; None takes a tenth
-            of the sound speed, or the fastest particle at the start. A run with plain numbers that gets faster builds
-            them more often by itself.
+        max_speed: of fluids and walls [m/s], from which follows how often neighbor lists are built under a
+            transformation; None takes a tenth of the sound speed, or the fastest particle at the start. A run with
+            plain numbers builds them when they are due.
         progress: show a bar (needs tqdm).
         out: path of a VTKHDF file to write as the run goes (not under a transformation).
 

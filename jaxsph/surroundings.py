@@ -19,7 +19,7 @@ from jaxsph.neighbors import Capacity, Domain, NeighborList, moved, neighbor_lis
 from jaxsph.pytree import replace
 from jaxsph.walls import WallSummation
 
-SKIN = 0.1
+SKIN = 0.2
 """Of the support radius. A larger one makes builds rarer and every pass over the pairs longer."""
 
 CAPACITY_MULTIPLIER = 1.4
@@ -87,6 +87,16 @@ def rebuild(scene, templates: dict, positions: dict, pairs=None) -> dict[str, Ne
     return lists
 
 
+def hold(lists: dict[str, NeighborList], positions: dict, ways: dict):
+    """Whether lists still hold once the particles of every system have gone so far [m] from these positions (d, N)."""
+    enough = jnp.bool_(True)
+    for name, neighbors in lists.items():
+        a, b = name.split("-")
+        closer = moved(neighbors, positions[a], None if a == b else positions[b])
+        enough &= closer + ways[a] + ways[b] < neighbors.skin
+    return enough
+
+
 def note(health: Health, lists: dict[str, NeighborList], positions: dict, step) -> Health:
     """What is wrong with lists that were used until particles came to these positions."""
     positions = jax.lax.stop_gradient(positions)
@@ -95,6 +105,8 @@ def note(health: Health, lists: dict[str, NeighborList], positions: dict, step) 
         sets = [neighbors] if neighbors.transpose is None else [neighbors, neighbors.transpose]
         outside = jnp.max(jnp.stack([part.outside for part in sets]))
         health = health.note(outside >= 0, OUTSIDE, step, outside, neighbors.reference.shape[1])
+        beyond = ~neighbors.grid.domain.contains(positions[a])  # since the lists were built
+        health = health.note(jnp.any(beyond), OUTSIDE, step, jnp.argmax(beyond), beyond.shape[0])
         needed = jnp.max(jnp.stack([part.needed_slots for part in sets]))
         limit = jnp.int32(neighbors.capacity.slots)
         for part in sets:

@@ -14,8 +14,8 @@ class ShepardFilter:
     over the particles of its own fluid. Exact for constant densities also at a free surface; there and at walls it
     levels gradients, such as the hydrostatic one, where `DeltaDiffusion` does not. D. Shepard (1968), Proc. 23rd ACM
     Natl. Conf., 517; first order in A. Colagrossi, M. Landrini (2003), J. Comput. Phys. 191, 448. It acts when
-    neighbor lists are built, at the first build at or after every multiple of `every` steps (they are built every 1 to
-    8 steps), and needs a density that is integrated in time.
+    neighbor lists are built; under a transformation that is every 1 to 8 steps, of which it takes the first multiple at
+    or after every multiple of `every` steps, with plain numbers too. It needs a density that is integrated in time.
 
     Attributes:
         every: steps between two filters; 20 to 50 are common.

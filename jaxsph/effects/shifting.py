@@ -19,11 +19,13 @@ class Shifting(ABC):
     free_surface: bool = False
 
     @abstractmethod
-    def crowding(self, a, b, pair):
+    def crowding(self, a, b, pair) -> Any:
         """Volume of a times the term of a sum that points to where particles crowd [m^(d-1)], (d,); antisymmetric."""
 
     @abstractmethod
-    def velocity(self, crowding, fluid, smoothing_length, support_radius, *, cover: Any = None, normal: Any = None):
+    def velocity(
+        self, crowding, fluid, smoothing_length, support_radius, *, cover: Any = None, normal: Any = None
+    ) -> Any:
         """dv (d, N) [m/s] from the sum.
 
         Args:

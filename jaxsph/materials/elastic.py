@@ -7,6 +7,7 @@ vanish in the rounding of F in float32. Two dimensions are plane strain. Tensors
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Any
 
 import jax.numpy as jnp
 
@@ -37,11 +38,11 @@ class ElasticLaw(ABC):
     """A hyperelastic law: a stored energy per reference volume and its derivative, the PK1 stress."""
 
     @abstractmethod
-    def stress(self, displacement_gradient, lam, mu):
+    def stress(self, displacement_gradient, lam, mu) -> Any:
         """PK1 stress P [Pa], (d, d, ...), from H (d, d, ...) and the Lame parameters [Pa]."""
 
     @abstractmethod
-    def energy_density(self, displacement_gradient, lam, mu):
+    def energy_density(self, displacement_gradient, lam, mu) -> Any:
         """Stored energy per reference volume [J/m^3], (...)."""
 
 

@@ -22,15 +22,15 @@ class StateEquation(ABC):
     background_pressure: Any
 
     @abstractmethod
-    def pressure(self, deviation, rest_density, sound_speed):
+    def pressure(self, deviation, rest_density, sound_speed) -> Any:
         """p [Pa] from rho - rho_0 [kg/m^3], rho_0 [kg/m^3] and c [m/s]."""
 
     @abstractmethod
-    def deviation(self, pressure, rest_density, sound_speed):
+    def deviation(self, pressure, rest_density, sound_speed) -> Any:
         """rho - rho_0 [kg/m^3] from p [Pa]."""
 
     @abstractmethod
-    def energy(self, deviation, rest_density, sound_speed):
+    def energy(self, deviation, rest_density, sound_speed) -> Any:
         """Energy of the compression per mass [J/kg]: the integral of p / rho^2 drho from rho_0; zero at rest."""
 
 

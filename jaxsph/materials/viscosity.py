@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from typing import Any
 
 import jax.numpy as jnp
 
@@ -17,7 +18,7 @@ class ViscosityLaw(ABC):
     """
 
     @abstractmethod
-    def force(self, a, b, pair):
+    def force(self, a, b, pair) -> Any:
         """Force on a from b [N, in 2D per meter], (d,).
 
         Args:
