@@ -1,6 +1,7 @@
 """Runs with fluids that need more than was thought, leave their domain, or are told too little."""
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from fluids import column
@@ -32,6 +33,18 @@ def test_too_little_room_is_enlarged_in_a_plain_run_and_an_error_under_jit(scene
     )
     with pytest.raises(RAISED_IN_JIT, match="more neighbors than the neighbor list has slots"):
         jax.block_until_ready(jax.jit(of)(1.0))
+
+
+def test_lists_hold_as_long_as_no_pair_can_have_come_closer_than_the_skin(scene):
+    found = sph.topologies(scene)
+    positions = {name: jnp.asarray(scene[name].particles.positions).T for name in ("water", "tank")}
+    lists = surroundings.rebuild(scene, found, positions)
+    skin = lists["water-water"].skin
+    # a pair that both go so far has come .8 of the skin closer
+    positions["water"] = positions["water"].at[0, 0].add(0.4 * skin)
+    assert surroundings.hold(lists, positions, {"water": 0.09 * skin, "tank": 0.0})
+    assert not surroundings.hold(lists, positions, {"water": 0.11 * skin, "tank": 0.0})
+    assert not surroundings.hold(lists, positions, {"water": 0.0, "tank": 0.61 * skin})
 
 
 @pytest.mark.slow
