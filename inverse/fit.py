@@ -8,13 +8,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from inverse.descent import adam, l_bfgs_b
-from inverse.gauss_newton import gauss_newton
+from inverse.gauss_newton import by_secants, gauss_newton
 from inverse.model import Evaluation, Model, RunFailed
 from inverse.problem import Problem
 from inverse.report import Fit
 from inverse.uncertainty import Uncertainty, estimate
 
-METHODS = ("gauss-newton", "l-bfgs-b", "adam")
+METHODS = ("gauss-newton", "secant", "l-bfgs-b", "adam")
+DIFFERENCE = 0.2  # half the distance of the runs of a secant, in internal coordinates
 JACOBIAN_LIMIT = 64  # unknowns up to which a reverse-mode fit still pays for one forward-mode Jacobian
 POOR_FIT = 0.5  # misfit as a fraction of the signal from which a fit is called poor
 
@@ -26,6 +27,7 @@ def fit(
     step_tolerance: float | None = None,
     cost_tolerance: float | None = None,
     learning_rate: float | None = None,
+    difference: float | None = None,
     windows: Sequence[float] | None = None,
     progress: bool = False,
 ) -> Fit:
@@ -34,14 +36,18 @@ def fit(
     Args:
         problem: data, unknowns, simulator.
         method: "gauss-newton" (few unknowns: forward-mode Jacobian, time window chosen from the data),
+            "secant" (the same with slopes over a finite difference, 1 + 2 n runs each: for violent runs, whose
+            derivatives follow every splash and not the trend; `tangent_growth` tells),
             "l-bfgs-b" or "adam" (many unknowns: reverse-mode gradient).
-        max_iterations: trial points; 40 for gauss-newton, 200 per window for l-bfgs-b, 500 in all for adam.
-        step_tolerance: gauss-newton, adam: converged when no unknown moves more than this in its internal
-            coordinate (log: relative change; linear: change in quarters of the range); 1e-5 by default.
+        max_iterations: trial points; 40 for gauss-newton and secant, 200 per window for l-bfgs-b, 500 in all for adam.
+        step_tolerance: gauss-newton, secant, adam: converged when no unknown moves more than this in its
+            internal coordinate (log: relative change; linear: change in quarters of the range); 1e-5 by default,
+            for secants a twentieth of the difference.
         cost_tolerance: l-bfgs-b: converged when the cost falls by less than this fraction; 1e-10 by default.
+        difference: secant: how far on either side the slope is taken, in internal coordinates; 0.2 by default.
         learning_rate: adam: first step in internal coordinates; 0.05 by default.
         windows: l-bfgs-b, adam: fractions of the record to fit one after the other, growing up to 1 (helps
-            against local minima of oscillating data); (1.0,) by default. gauss-newton chooses its own.
+            against local minima of oscillating data); (1.0,) by default. gauss-newton and secant choose their own.
         progress: print one line per run.
 
     Returns:
@@ -59,6 +65,7 @@ def fit(
         step_tolerance=step_tolerance,
         cost_tolerance=cost_tolerance,
         learning_rate=learning_rate,
+        difference=difference,
         windows=windows,
     )
     if max_iterations is not None and max_iterations < 1:
@@ -70,6 +77,10 @@ def fit(
     small = 1e-5 if step_tolerance is None else step_tolerance
     if method == "gauss-newton":
         best, converged, message = gauss_newton(model, max_iterations or 40, small, history.record)
+    elif method == "secant":
+        wide = DIFFERENCE if difference is None else difference
+        small = 0.05 * wide if step_tolerance is None else step_tolerance
+        best, converged, message = by_secants(model, max_iterations or 40, small, wide, history.record)
     elif method == "l-bfgs-b":
         tolerance = 1e-10 if cost_tolerance is None else cost_tolerance
         best, converged, message = l_bfgs_b(model, max_iterations or 200, tolerance, stages, history.record)
@@ -205,6 +216,7 @@ def result_of(
 def _check_options(method: str, **options) -> None:
     takes = {
         "gauss-newton": {"step_tolerance"},
+        "secant": {"step_tolerance", "difference"},
         "l-bfgs-b": {"cost_tolerance", "windows"},
         "adam": {"step_tolerance", "learning_rate", "windows"},
     }

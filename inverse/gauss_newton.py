@@ -1,8 +1,9 @@
-"""Least squares by damped Gauss-Newton with a forward-mode Jacobian: the method for a few unknowns."""
+"""Least squares by damped Gauss-Newton, with a Jacobian of tangents or of secants: the method for a few unknowns."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -11,10 +12,16 @@ from inverse.window import candidate_windows, choose_window, longer_window
 
 STATISTICAL_TOLERANCE = 0.01  # steps below this fraction of the standard error change nothing
 LEAST_GAIN = 1e-3  # actual over predicted reduction below which a step is refused
+BETTER = 0.01  # by which part a run beside the end of a fit must be better for the fit to go on from there
 
 
 def gauss_newton(
-    model: Model, max_iterations: int, step_tolerance: float, record: Callable[..., None]
+    model: Model,
+    max_iterations: int,
+    step_tolerance: float,
+    record: Callable[..., None],
+    evaluate: Callable[[np.ndarray], Evaluation] | None = None,
+    start: np.ndarray | None = None,
 ) -> tuple[Evaluation, bool, str]:
     """Minimize 0.5 sum r^2 over the bounds.
 
@@ -22,14 +29,17 @@ def gauss_newton(
         model: compiled residual and Jacobian.
         max_iterations: number of trial points.
         step_tolerance: largest entry of the step in z at which the fit has converged.
-        record: called as record(evaluation, accepted, samples, note) after each run.
+        record: called as record(evaluation, accepted, samples, note) after each trial.
+        evaluate: residual and Jacobian at z; None takes tangents, `Model.evaluate`.
+        start: (n,) where to begin; None takes the problem's starting values.
 
     Returns:
         The best evaluation, whether it converged, and a sentence that says why it stopped.
 
     """
     lower, upper = model.problem.bounds
-    current = evaluate_start(model)
+    evaluate = evaluate or model.evaluate
+    current = evaluate_start(model, evaluate, start)
     samples_all, unknowns = len(model.problem.data), len(current.z)
     candidates = candidate_windows(samples_all, unknowns, model.width)
     data = model.data / model.deviation
@@ -58,7 +68,7 @@ def gauss_newton(
             what = "step" if length <= step_tolerance else "step against its standard error"
             return current, True, f"converged: the next {what} is small ({length:.1e} internally)"
         try:
-            trial = model.evaluate(np.clip(current.z + step, lower, upper))
+            trial = evaluate(np.clip(current.z + step, lower, upper))
         except RunFailed as failure:
             record(failed_evaluation(current.z + step), False, samples, str(failure))
             radius = 0.25 * float(np.linalg.norm(step))
@@ -83,16 +93,41 @@ def gauss_newton(
     return best, False, f"stopped after max_iterations = {max_iterations}; give it more, or a better start"
 
 
+def by_secants(
+    model: Model, max_iterations: int, step_tolerance: float, difference: float, record: Callable[..., None]
+) -> tuple[Evaluation, bool, str]:
+    """`gauss_newton` with slopes between runs, begun again from one of these runs if it is better than where it ended.
+
+    A rough cost has many small valleys; runs a difference away see past the walls between them.
+    """
+    evaluate, start = partial(model.secants, difference=difference), None
+    trials = 0
+
+    def counted(*entry):
+        nonlocal trials
+        trials += 1
+        record(*entry)
+
+    while True:
+        found = gauss_newton(model, max_iterations - trials, step_tolerance, counted, evaluate, start)
+        best = found[0]
+        if best.beside is None or best.beside.cost > (1 - BETTER) * best.cost or trials >= max_iterations:
+            return found
+        start = best.beside.z
+
+
 def failed_evaluation(z: np.ndarray) -> Evaluation:
     """What the history records of a run that failed: an infinite cost."""
     return Evaluation(z, np.full(1, np.inf), np.empty((0, len(z))))
 
 
-def evaluate_start(model: Model) -> Evaluation:
+def evaluate_start(
+    model: Model, evaluate: Callable[[np.ndarray], Evaluation], start: np.ndarray | None = None
+) -> Evaluation:
     """Evaluate at the starting values, or say why the simulator can't."""
-    z = model.problem.start
+    z = model.problem.start if start is None else start
     try:
-        return model.evaluate(z)
+        return evaluate(z)
     except RunFailed as failure:
         raise start_failed(model, z, failure) from failure
 

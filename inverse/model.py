@@ -19,11 +19,15 @@ class RunFailed(RuntimeError):
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Residual (T m,) = (model - data) / standard deviation, time-major, and its Jacobian (T m, n) in z."""
+    """Residual (T m,) = (model - data) / standard deviation, time-major, and its Jacobian (T m, n) in z.
+
+    beside: of a Jacobian of secants the best of the runs that it was made of, without a Jacobian.
+    """
 
     z: np.ndarray
     residual: np.ndarray
     jacobian: np.ndarray
+    beside: Evaluation | None = None
 
     @property
     def cost(self) -> float:
@@ -71,6 +75,21 @@ class Model:
         if not np.all(np.isfinite(jacobian)):
             raise RunFailed(f"the derivative with respect to {self._first_bad_column(jacobian)} is not finite")
         return Evaluation(np.array(z), residual, jacobian)
+
+    def secants(self, z: np.ndarray, difference: float) -> Evaluation:
+        """Residual from one run, and as Jacobian the slopes between runs on both sides, 2 n of them.
+
+        difference: how far from z they are, in internal coordinates; less at a bound.
+        """
+        lower, upper = self.problem.bounds
+        residual, columns, none = self.residual(z), [], np.empty((0, len(z)))
+        beside: list[Evaluation] = []
+        for direction in np.eye(len(z)):
+            ends = [np.clip(z + sign * difference * direction, lower, upper) for sign in (-1, 1)]
+            beside += [Evaluation(end, self.residual(end), none) for end in ends]
+            columns.append((beside[-1].residual - beside[-2].residual) / np.sum(ends[1] - ends[0]))
+        best = min(beside, key=lambda one: one.cost)
+        return Evaluation(np.array(z), residual, np.stack(columns, axis=1), best)
 
     def residual(self, z: np.ndarray) -> np.ndarray:
         """(T m,) residual from a run without derivatives."""

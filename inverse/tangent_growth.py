@@ -117,8 +117,8 @@ class TangentGrowth:
         if np.any(horizon < end) or (agrees is not None and np.any(agrees < end)):
             soonest = min(float(np.min(horizon)), *([] if agrees is None else [float(np.min(agrees))]), end)
             lines.append(
-                f"! the record has {end:g} s, its gradient can be trusted for {soonest:g} s: fit a window up to there, "
-                "or several shorter ones with inverse.multiple_shooting"
+                f'! the record has {end:g} s, its gradient can be trusted for {soonest:g} s: fit with method="secant", '
+                "or a window up to there, or several shorter ones with inverse.multiple_shooting"
             )
         return "\n".join(lines)
 

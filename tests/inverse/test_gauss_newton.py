@@ -169,7 +169,7 @@ def test_progress_prints_one_line_per_run(toys, capsys):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"method": "newton"}, "gauss-newton, l-bfgs-b, adam"),
+        ({"method": "newton"}, "gauss-newton, secant, l-bfgs-b, adam"),
         ({"learning_rate": 0.1}, "belongs to adam"),
         ({"method": "adam", "windows": (0.5, 0.2)}, "growing fractions"),
         ({"step_tolerance": -1.0}, "must be > 0"),

@@ -17,6 +17,7 @@ jax.config.update("jax_enable_x64", True)
 
 import cost  # noqa: E402
 import coupled  # noqa: E402
+import coupled_fits  # noqa: E402
 import fits  # noqa: E402
 import flows  # noqa: E402
 import gradient  # noqa: E402
@@ -44,6 +45,7 @@ GROUPS = (
     flows,
     surfaces,
     coupled,
+    coupled_fits,
     spheres,
     schemes,
     time_step,

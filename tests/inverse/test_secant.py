@@ -1,0 +1,51 @@
+"""Secants follow the trend of a rough model, whose tangents follow every ripple."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import inverse
+from inverse.model import Model
+
+RIPPLE, WAVES = 0.02, 400.0  # amplitude, and waves per unit of the logarithm: a slope of 8 beside one of 1
+
+
+def rough(toys, start):
+    """A decay whose amplitude has ripples over its logarithm, as splashes make of a modulus."""
+
+    def simulate(scene, times, mode):
+        amplitude = scene["amplitude"]
+        ripple = RIPPLE * jnp.sin(WAVES * jnp.log(amplitude) + 40.0 * jnp.asarray(times))
+        return (amplitude + ripple) * jnp.exp(-jnp.asarray(times))
+
+    unknown = {"amplitude": inverse.log(0.1, 10.0, start=start)}
+    times = np.arange(1, 61) / 60
+    return toys.twin({"amplitude": 1.0}, unknown, times, simulate, lambda run: run, noise=0.05)
+
+
+@pytest.mark.parametrize("start", [3.0, 1 / 3])
+def test_a_rough_model_is_fitted_from_a_factor_three_off(toys, start):
+    fit = inverse.fit(rough(toys, start), "secant")
+    assert fit.converged and fit.tangent_runs == fit.adjoint_runs == 0
+    assert fit.simulation_runs <= 24
+    # the ripples are noise of .014 beside the 5 % of a signal of .6: three standard errors hold both
+    assert abs(fit["amplitude"] - 1) < 3 * fit.standard_errors["amplitude"] < 0.06
+    # without ripples to be lost in, this case would prove nothing; tangents stop some standard errors away
+    assert abs(inverse.fit(rough(toys, start))["amplitude"] - 1) > 0.06
+
+
+def test_secants_are_central_and_one_sided_at_a_bound(toys):
+    model = Model(toys.oscillator(0.9, 1.0))
+    (z,) = model.problem.start
+    near = model.secants(np.array([z]), 1e-4)
+    # central differences are off by their square, 1e-8, times a third derivative of some tens; the rest is rounding
+    np.testing.assert_allclose(near.jacobian, model.evaluate(np.array([z])).jacobian, rtol=0, atol=1e-5)
+    (upper,) = model.problem.bounds[1]
+    at_bound = model.secants(np.array([upper]), 0.1)
+    slope = (model.residual(np.array([upper])) - model.residual(np.array([upper - 0.1]))) / 0.1
+    np.testing.assert_allclose(at_bound.jacobian[:, 0], slope, rtol=1e-12)
+
+
+def test_difference_belongs_to_secants(toys):
+    with pytest.raises(ValueError, match=r"difference=0\.1 has no meaning for method='gauss-newton'"):
+        inverse.fit(toys.oscillator(), difference=0.1)

@@ -1,0 +1,51 @@
+"""I08, I09: Young's modulus through fluid and structure, by the fits of calibrate_fsi.py and calibrate_gate.py."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from rows import Case, Row
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
+
+import calibrate_fsi  # pyright: ignore[reportMissingImports]
+import calibrate_gate  # pyright: ignore[reportMissingImports]
+
+
+def plate(quick: bool) -> Iterator[list[Row]]:
+    """Twins with 5 % noise, from three times the modulus; a seed for each row, since splashes make the cost rough."""
+    for seed in (0,) if quick else (0, 1, 2, 3):
+        with tempfile.TemporaryDirectory() as folder:
+            found = calibrate_fsi.main(seed=seed, progress=False, out=folder)["twin"]
+        where = (f"a / dx = 15, seed {seed}", "float32")
+        modulus = found["youngs_modulus"]
+        yield [
+            Row("relative error of E, from three times E", found["relative_error"], 0.02, *where),
+            Row("relative standard error of E", found["standard_error"] / modulus, None, *where),
+            Row("simulation runs", found["simulation_runs"], None, *where),
+            Row("time without compiling [s]", found["seconds"] - found["compile_seconds"], None, *where),
+            Row("peak memory of the process [MiB]", found["peak_memory_MiB"], None, *where),
+        ]
+
+
+def gate(quick: bool) -> Iterator[list[Row]]:
+    """The measured motion of Antoci's gate, from two moduli in use."""
+    for start in (7.8e6,) if quick else (7.8e6, 12e6):
+        with tempfile.TemporaryDirectory() as folder:
+            found = calibrate_gate.main(start=start, progress=False, out=folder)
+        where = (f"20 over the width, from {start / 1e6:g} MPa", "float32")
+        yield [
+            Row("Young's modulus [MPa]", found["youngs_modulus"] / 1e6, None, *where),
+            Row("rms of ux / its peak, fitted E", found["rms_over_peak"], 0.18, *where),
+            Row("misfit / error of reading", found["rms_over_reading"], None, *where),
+            Row("simulation runs", found["simulation_runs"], None, *where),
+        ]
+
+
+CASES = [
+    Case("I08", "Young's modulus of a plate from its tip in a dam break, twin with 5 % noise", plate),
+    Case("I09", "Young's modulus of Antoci's rubber gate, experiment", gate),
+]
