@@ -1,4 +1,4 @@
-"""I08, I09: Young's modulus through fluid and structure, by the fits of calibrate_fsi.py and calibrate_gate.py."""
+"""I09, I10: Young's modulus through fluid and structure, by the fits of calibrate_fsi.py and calibrate_gate.py."""
 
 from __future__ import annotations
 
@@ -46,6 +46,6 @@ def gate(quick: bool) -> Iterator[list[Row]]:
 
 
 CASES = [
-    Case("I08", "Young's modulus of a plate from its tip in a dam break, twin with 5 % noise", plate),
-    Case("I09", "Young's modulus of Antoci's rubber gate, experiment", gate),
+    Case("I09", "Young's modulus of a plate from its tip in a dam break, twin with 5 % noise", plate),
+    Case("I10", "Young's modulus of Antoci's rubber gate, experiment", gate),
 ]
