@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from inverse.descent import adam, l_bfgs_b
-from inverse.gauss_newton import by_secants, gauss_newton
+from inverse.gauss_newton import gauss_newton
 from inverse.model import Evaluation, Model, RunFailed
 from inverse.problem import Problem
 from inverse.report import Fit
@@ -27,8 +28,8 @@ def fit(
     step_tolerance: float | None = None,
     cost_tolerance: float | None = None,
     learning_rate: float | None = None,
-    difference: float | None = None,
     windows: Sequence[float] | None = None,
+    difference: float | None = None,
     progress: bool = False,
 ) -> Fit:
     """Minimize 0.5 sum(((model - data) / standard deviation)^2) over the bounds of the unknowns.
@@ -44,10 +45,10 @@ def fit(
             internal coordinate (log: relative change; linear: change in quarters of the range); 1e-5 by default,
             for secants a twentieth of the difference.
         cost_tolerance: l-bfgs-b: converged when the cost falls by less than this fraction; 1e-10 by default.
-        difference: secant: how far on either side the slope is taken, in internal coordinates; 0.2 by default.
         learning_rate: adam: first step in internal coordinates; 0.05 by default.
         windows: l-bfgs-b, adam: fractions of the record to fit one after the other, growing up to 1 (helps
             against local minima of oscillating data); (1.0,) by default. gauss-newton and secant choose their own.
+        difference: secant: how far on either side the slope is taken, in internal coordinates; 0.2 by default.
         progress: print one line per run.
 
     Returns:
@@ -80,7 +81,8 @@ def fit(
     elif method == "secant":
         wide = DIFFERENCE if difference is None else difference
         small = 0.05 * wide if step_tolerance is None else step_tolerance
-        best, converged, message = by_secants(model, max_iterations or 40, small, wide, history.record)
+        evaluate = partial(model.secants, difference=wide)
+        best, converged, message = gauss_newton(model, max_iterations or 40, small, history.record, evaluate)
     elif method == "l-bfgs-b":
         tolerance = 1e-10 if cost_tolerance is None else cost_tolerance
         best, converged, message = l_bfgs_b(model, max_iterations or 200, tolerance, stages, history.record)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 
@@ -21,7 +20,6 @@ def gauss_newton(
     step_tolerance: float,
     record: Callable[..., None],
     evaluate: Callable[[np.ndarray], Evaluation] | None = None,
-    start: np.ndarray | None = None,
 ) -> tuple[Evaluation, bool, str]:
     """Minimize 0.5 sum r^2 over the bounds.
 
@@ -31,7 +29,6 @@ def gauss_newton(
         step_tolerance: largest entry of the step in z at which the fit has converged.
         record: called as record(evaluation, accepted, samples, note) after each trial.
         evaluate: residual and Jacobian at z; None takes tangents, `Model.evaluate`.
-        start: (n,) where to begin; None takes the problem's starting values.
 
     Returns:
         The best evaluation, whether it converged, and a sentence that says why it stopped.
@@ -39,14 +36,22 @@ def gauss_newton(
     """
     lower, upper = model.problem.bounds
     evaluate = evaluate or model.evaluate
-    current = evaluate_start(model, evaluate, start)
+    current = evaluate_start(model, evaluate)
     samples_all, unknowns = len(model.problem.data), len(current.z)
     candidates = candidate_windows(samples_all, unknowns, model.width)
     data = model.data / model.deviation
     largest_radius = np.sqrt(unknowns)  # a factor e in one logarithmic unknown
     radius, shortest, best = largest_radius, 0, current
     record(current, True, samples_all, "start")
+    ended = ""
     for iteration in range(max_iterations):
+        if ended:
+            onward = better_beside(evaluate, current)
+            if onward is None:
+                return current, True, ended
+            record(onward, True, samples_all, "a run beside the end was better")
+            current = best = onward
+            radius, shortest, ended = largest_radius, 0, ""
         floor = np.sqrt(model.precision)  # directions that the data see less of are rounding noise
         if iteration > max_iterations // 2:
             shortest = samples_all  # continuation had its chance
@@ -66,7 +71,8 @@ def gauss_newton(
                 current, shortest, radius = best, samples_all, largest_radius
                 continue
             what = "step" if length <= step_tolerance else "step against its standard error"
-            return current, True, f"converged: the next {what} is small ({length:.1e} internally)"
+            ended = f"converged: the next {what} is small ({length:.1e} internally)"
+            continue
         try:
             trial = evaluate(np.clip(current.z + step, lower, upper))
         except RunFailed as failure:
@@ -89,31 +95,24 @@ def gauss_newton(
         elif length <= max(step_tolerance, np.sqrt(model.precision)) and samples == samples_all:
             # A minimum of a sum of squares can be located to the square root of its rounding error, not
             # better.
-            return best, True, f"converged: rounding hides any gain within {length:.1e} internally"
+            current, ended = best, f"converged: rounding hides any gain within {length:.1e} internally"
+    if ended:
+        return current, True, ended
     return best, False, f"stopped after max_iterations = {max_iterations}; give it more, or a better start"
 
 
-def by_secants(
-    model: Model, max_iterations: int, step_tolerance: float, difference: float, record: Callable[..., None]
-) -> tuple[Evaluation, bool, str]:
-    """`gauss_newton` with slopes between runs, begun again from one of these runs if it is better than where it ended.
+def better_beside(evaluate: Callable[[np.ndarray], Evaluation], found: Evaluation) -> Evaluation | None:
+    """From where to go on: the best run that the secants at a fit's end were made of, if it is better than the end.
 
     A rough cost has many small valleys; runs a difference away see past the walls between them.
     """
-    evaluate, start = partial(model.secants, difference=difference), None
-    trials = 0
-
-    def counted(*entry):
-        nonlocal trials
-        trials += 1
-        record(*entry)
-
-    while True:
-        found = gauss_newton(model, max_iterations - trials, step_tolerance, counted, evaluate, start)
-        best = found[0]
-        if best.beside is None or best.beside.cost > (1 - BETTER) * best.cost or trials >= max_iterations:
-            return found
-        start = best.beside.z
+    beside = found.beside
+    if beside is None or beside.cost > (1 - BETTER) * found.cost:
+        return None
+    try:
+        return evaluate(beside.z)
+    except RunFailed:
+        return None
 
 
 def failed_evaluation(z: np.ndarray) -> Evaluation:
@@ -121,11 +120,9 @@ def failed_evaluation(z: np.ndarray) -> Evaluation:
     return Evaluation(z, np.full(1, np.inf), np.empty((0, len(z))))
 
 
-def evaluate_start(
-    model: Model, evaluate: Callable[[np.ndarray], Evaluation], start: np.ndarray | None = None
-) -> Evaluation:
+def evaluate_start(model: Model, evaluate: Callable[[np.ndarray], Evaluation]) -> Evaluation:
     """Evaluate at the starting values, or say why the simulator can't."""
-    z = model.problem.start if start is None else start
+    z = model.problem.start
     try:
         return evaluate(z)
     except RunFailed as failure:

@@ -19,7 +19,7 @@ from jaxsph.neighbors import Capacity, Domain, NeighborList, moved, neighbor_lis
 from jaxsph.pytree import replace
 from jaxsph.walls import WallSummation
 
-SKIN = 0.1
+SKIN = 0.2
 """Of the support radius. A larger one makes builds rarer and every pass over the pairs longer."""
 
 CAPACITY_MULTIPLIER = 1.4

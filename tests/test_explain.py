@@ -287,7 +287,7 @@ def test_a_scene_prints_its_step_lists_memory_and_numbers():
     for words in (
         "largest stable steps, about: water 0.000989 s",
         "lists water-water, water-tank: ",
-        "at most 44, room for 84",
+        "at most 44, room for 96",
         "memory, about: 57.6 kB of state, ",
         "inviscid, Ma 0.071, 20 particles over L = 0.6 m, U = 3.43 m/s (a fall of 0.6 m)",
     ):

@@ -20,6 +20,7 @@ from jaxsph.neighbors.sizes import most_neighbors, number_near, widest_ranges
 from jaxsph.pytree import is_concrete, replace
 
 BUILDERS = ("cells", "jax-md")
+SPARE_ROWS = 32  # of a list of two sets whose rows are for particles near the other set
 
 
 @dataclasses.dataclass(frozen=True)
@@ -171,10 +172,13 @@ class NeighborSearch:
         )
 
     def _rows(self, receivers, senders) -> int:
-        """How many particles get a row: those near now with the reserve, and what can come near, up to half of all."""
+        """How many particles get a row: those near now with the reserve, and what can come near, up to half of all.
+
+        And a few more, which cost nothing: in a small scene water that spreads wets a large part of the walls.
+        """
         n = receivers.shape[1]
         near = number_near(self.grid, receivers, senders)
-        return min(n, max(math.ceil(near * self.capacity_multiplier), min(senders.shape[1], n // 2), 1))
+        return min(n, max(math.ceil(near * self.capacity_multiplier), min(senders.shape[1], n // 2)) + SPARE_ROWS)
 
     def _blank(self, positions, senders, capacity: Capacity) -> NeighborList:
         """A list of these sizes, still empty. Made with NumPy: nothing to compile."""

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import inverse
-from inverse.model import Model
+from inverse.gauss_newton import better_beside
+from inverse.model import Evaluation, Model, RunFailed
 
 RIPPLE, WAVES = 0.02, 400.0  # amplitude, and waves per unit of the logarithm: a slope of 8 beside one of 1
 
@@ -27,7 +28,7 @@ def rough(toys, start):
 def test_a_rough_model_is_fitted_from_a_factor_three_off(toys, start):
     fit = inverse.fit(rough(toys, start), "secant")
     assert fit.converged and fit.tangent_runs == fit.adjoint_runs == 0
-    assert fit.simulation_runs <= 24
+    assert fit.simulation_runs <= 24  # eight trials of three runs; the gradient's 15 are for smooth models
     # the ripples are noise of .014 beside the 5 % of a signal of .6: three standard errors hold both
     assert abs(fit["amplitude"] - 1) < 3 * fit.standard_errors["amplitude"] < 0.06
     # without ripples to be lost in, this case would prove nothing; tangents stop some standard errors away
@@ -44,6 +45,22 @@ def test_secants_are_central_and_one_sided_at_a_bound(toys):
     at_bound = model.secants(np.array([upper]), 0.1)
     slope = (model.residual(np.array([upper])) - model.residual(np.array([upper - 0.1]))) / 0.1
     np.testing.assert_allclose(at_bound.jacobian[:, 0], slope, rtol=1e-12)
+
+
+def test_a_fit_goes_on_from_a_better_run_beside_its_end(toys):
+    model = Model(toys.oscillator(0.9, 1.0))
+    (true,) = model.problem.start
+    aside = model.secants(np.array([true + 0.2]), 0.2)
+    evaluate = lambda z: model.secants(z, 0.2)  # noqa: E731
+    onward = better_beside(evaluate, aside)
+    assert onward is not None and onward.z[0] == pytest.approx(true, rel=1e-12)
+    assert better_beside(evaluate, onward) is None  # both runs beside the truth are worse
+
+    def fails(z) -> Evaluation:
+        raise RunFailed("no such run")
+
+    assert better_beside(fails, aside) is None
+    assert better_beside(evaluate, model.evaluate(aside.z)) is None  # tangents have no runs beside
 
 
 def test_difference_belongs_to_secants(toys):

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import jax
 from rows import Case, Row
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "examples"))
@@ -15,11 +17,19 @@ import calibrate_fsi  # pyright: ignore[reportMissingImports]
 import calibrate_gate  # pyright: ignore[reportMissingImports]
 
 
+def summary_of(example: Callable[..., dict], **options: Any) -> dict:
+    """What an example returns. It runs in float32 and switches float64 off, which other validations need."""
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            return example(progress=False, out=folder, **options)
+    finally:
+        jax.config.update("jax_enable_x64", True)
+
+
 def plate(quick: bool) -> Iterator[list[Row]]:
     """Twins with 5 % noise, from three times the modulus; a seed for each row, since splashes make the cost rough."""
     for seed in (0,) if quick else (0, 1, 2, 3):
-        with tempfile.TemporaryDirectory() as folder:
-            found = calibrate_fsi.main(seed=seed, progress=False, out=folder)["twin"]
+        found = summary_of(calibrate_fsi.main, seed=seed)["twin"]
         where = (f"a / dx = 15, seed {seed}", "float32")
         modulus = found["youngs_modulus"]
         yield [
@@ -34,8 +44,7 @@ def plate(quick: bool) -> Iterator[list[Row]]:
 def gate(quick: bool) -> Iterator[list[Row]]:
     """The measured motion of Antoci's gate, from two moduli in use."""
     for start in (7.8e6,) if quick else (7.8e6, 12e6):
-        with tempfile.TemporaryDirectory() as folder:
-            found = calibrate_gate.main(start=start, progress=False, out=folder)
+        found = summary_of(calibrate_gate.main, start=start)
         where = (f"20 over the width, from {start / 1e6:g} MPa", "float32")
         yield [
             Row("Young's modulus [MPa]", found["youngs_modulus"] / 1e6, None, *where),
