@@ -1,5 +1,7 @@
 """Schemes that a scene may call for: what they leave alone, what they conserve, and what flows they reach."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -273,6 +275,23 @@ def test_shepard_filter_acts_once_in_so_many_steps():
     steps = np.arange(0, 101, 4)
     due = np.asarray(sph.ShepardFilter(10).due(steps, 4))
     np.testing.assert_array_equal(steps[due], [12, 20, 32, 40, 52, 60, 72, 80, 92, 100])
+
+
+def test_shepard_filter_acts_in_plain_runs_when_it_does_in_traced_ones():
+    """Though a plain run builds its lists when they are due, here in no step, and a traced one every so many steps."""
+    ends = {}
+    for effects in ((sph.ShepardFilter(6),), ()):
+        scene = periodic(effects=list(effects), periodic=False)
+        found, state, step = sph.topologies(scene), stirred(scene), 0.5 * sph.stable_time_step(scene)
+        options: Any = {"time_step": step, "topologies_of_scene": found, "max_speed": 1.0}
+        plain = sph.simulate(scene, 24 * step, state=state, **options).final
+        traced = jax.jit(lambda s, scene=scene, end=24 * step, options=options: sph.simulate(
+            scene, end, state=s, **options).final)(state)  # fmt: skip
+        ends[effects] = np.asarray(plain.systems["water"]["density_deviation"])
+        # 24 steps of sums over the same neighbors in another order
+        assert_equal(ends[effects], np.asarray(traced.systems["water"]["density_deviation"]), 1e-9)
+    smooth, rough = ends.values()
+    assert np.max(np.abs(smooth - rough)) > 1e-3 * np.max(np.abs(rough)), "the filter did not act"
 
 
 def test_repulsion_of_walls_is_between_fluid_and_walls_only_and_ends_at_one_spacing():
