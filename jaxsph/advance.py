@@ -142,7 +142,7 @@ def advance(
             due = due if shepard is None else due | filter_due(number)
             return columns, number, due | (number >= n_steps)
 
-        columns, number, _ = jax.lax.while_loop(lambda carry: ~carry[2], once, once((columns, number, False)))
+        columns, number, _ = jax.lax.while_loop(lambda carry: ~carry[2], once, (columns, number, jnp.bool_(False)))
         return columns, note(health, columns, lists, number), number
 
     health = state.health
