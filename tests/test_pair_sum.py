@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from jaxsph import PairList, pair_edges, pair_sum
+from jaxsph import PairList, pair_edges, pair_sum, slots
 from jaxsph.pair_sum import apply, dot, symmetry_error
 
 CUTOFF = 0.45
@@ -105,6 +105,34 @@ def test_values_are_those_of_the_direct_sum(sets, d, kind, tolerance):
             # sums of some twenty terms, each some ten roundings
             np.testing.assert_allclose(value, expected[name], rtol=0, atol=tolerance * scale, err_msg=name)
             np.testing.assert_array_equal(value[..., -2:], 0, err_msg="nobody is near the last two")
+
+
+@pytest.mark.parametrize("tile", [64, 100])
+@one_and_two_sets
+def test_tiles_of_receivers_change_nothing(sets, tile, monkeypatch):
+    """Values, tangents, adjoints and batches of a sum taken tile by tile, the last tile overlapping the one before."""
+    draw = np.random.default_rng(2)
+    x, y = (jnp.asarray(draw.uniform(0, 2, (2, n))) for n in (330, 250))
+    neighbors = list_of(np.asarray(x)) if sets == "one" else list_of(np.asarray(x), np.asarray(y))
+
+    def loss(x, y):
+        of_pair = lambda a, b: (a - b) / (1 + dot(a - b, a - b)) * a[0] * b[1] ** 2  # noqa: E731
+        return weighted(pair_sum(of_pair, x, x if sets == "one" else y, neighbors))
+
+    def everything(x, y):
+        slopes = jax.grad(loss, argnums=(0, 1))
+        many = jax.vmap(slopes)(jnp.stack([x, 2 * x]), jnp.stack([y, y]))
+        return loss(x, y), slopes(x, y), jax.jvp(loss, (x, y), (y[:, :1] * x, jnp.sin(y)))[1], many
+
+    whole = jax.jit(everything)(x, y)
+    monkeypatch.setattr(slots, "TILE", tile)
+    text = jax.jit(lambda *both: everything(*both)).lower(x, y).as_text()
+    assert "dynamic_update_slice" in text, "tiles were used"
+    for got, expected in zip(
+        jax.tree.leaves(jax.jit(lambda *both: everything(*both))(x, y)), jax.tree.leaves(whole), strict=True
+    ):
+        # the same terms in the same order; XLA may contract products and sums in another way
+        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-14 * np.abs(expected).max() * 330)
 
 
 def test_any_number_of_fields():
