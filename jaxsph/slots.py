@@ -28,8 +28,8 @@ better from 40,000 on, where one slot alone keeps both cores busy (in float64, 2
 
 TILE = 32_768
 """At most so many receivers go through the slots together: of more, what one slot gathers has left the cache before the
-next asks for it again. Tiles of this size are 3 times faster in 3D from 50,000 particles on and 2 to 2.5 times faster in
-2D at half a million, and cost nothing at 50,000 in 2D; smaller ones are slower in 2D."""
+next asks for it again. Tiles of this size are 3 times faster in 3D from 50,000 particles on and twice as fast in
+2D at half a million, and cost nothing at 50,000 in 2D, where smaller ones are slower."""
 
 
 @pytree_dataclass
