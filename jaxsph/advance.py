@@ -6,13 +6,16 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph import surroundings
-from jaxsph.dynamics import accelerations, constrain, place_boundaries, positions_of, prepare, speeds_of
+from jaxsph.dynamics import accelerations, constrain, place_boundaries, positions_of, prepare, velocities_of
 from jaxsph.effects import AcousticDamper, ShepardFilter
 from jaxsph.flow import density_rates, filtered, summed_deviations
 from jaxsph.health import GAVE_UP, NOT_FINITE, all_finite
 from jaxsph.integrate import noted
 from jaxsph.pytree import replace
 from jaxsph.state import State, to_columns, to_rows
+
+LONGEST_PAUSE = 8
+"""Steps after which to look at the neighbor lists again, at most: a wave that breaks changes velocities fast."""
 
 
 def ready(scene, found, state):
@@ -73,9 +76,9 @@ def advance(
 
     Where systems meet, neighbor lists are built every rebuild_every steps, of which n_steps and block are multiples.
 
-    With a reserve they are built when they are due instead: when particles could come closer than the skin allows in
-    the next step, if it takes them `reserve` times as far as their velocities now would. The number of steps may be
-    traced then: one program serves runs of any length, and has no reverse mode.
+    With a reserve each of them is built when it is due instead: when particles could come closer than its skin allows
+    in the next step, if they come closer `reserve` times as fast as their velocities now say. The number of steps may
+    be traced then: one program serves runs of any length, and has no reverse mode.
     """
     counted = isinstance(n_steps, int)
     dt = jnp.asarray(time_step, scene.dtype)
@@ -105,12 +108,17 @@ def advance(
         """At the first multiple of rebuild_every steps at or after one of the filter's."""
         return (number % rebuild_every == 0) & shepard.due(state.step + number, rebuild_every)
 
-    def built(columns, number):
-        """Columns before a number of steps, and lists that are new."""
+    def wrapped(columns):
+        """Columns with the positions of fluids within the periodic domain."""
         if scene.domain is not None:
             for fluid in scene.fluids:
                 fields = columns[fluid.name]
                 columns = {**columns, fluid.name: {**fields, "position": scene.domain.wrap(fields["position"])}}
+        return columns
+
+    def built(columns, number):
+        """Columns before a number of steps, and lists that are new."""
+        columns = wrapped(columns)
         lists, _ = lists_of(scene, references, columns, found, time_of(number))
         assert lists is not None  # this is for scenes in which systems meet
         return filtered_when_due(columns, lists, number), lists
@@ -127,29 +135,45 @@ def advance(
         columns = _repeated(lambda carry, number: step(carry, first + number, lists), columns, rebuild_every)
         return columns, note(health, columns, lists, first + rebuild_every)
 
-    def until_due(carry):
-        assert reserve is not None
-        further = reserve * dt
-        columns, health, number = carry
-        columns, lists = built(columns, number)
+    def until_next_look(carry):
+        """Lists that are due built anew, some steps, and a look at how long the lists will hold."""
+        columns, lists, (due, pause), health, number = carry
+        columns, lists = wrapped(columns), dict(lists)
+        positions = positions_of(scene, columns, place_boundaries(scene, references, columns, time_of(number)))
+        for pair in surroundings.pairs_of(scene):
+            name = "-".join(pair)
+            build = lambda _, pair=pair: surroundings.rebuild(scene, found, positions, [pair])  # noqa: E731
+            lists |= jax.lax.cond(due[name], build, dict, {name: lists[name]})
+        columns, last = filtered_when_due(columns, lists, number), jnp.minimum(number + pause, n_steps)
 
         def once(carry):
             columns, number, _ = carry
             columns, number = one_step(columns, number, lists), number + 1
-            placed = place_boundaries(scene, references, columns, time_of(number))
-            ways = {name: further * speed for name, speed in speeds_of(scene, columns, placed).items()}
-            due = ~surroundings.hold(lists, positions_of(scene, columns, placed), ways)
-            due = due if shepard is None else due | filter_due(number)
-            return columns, number, due | (number >= n_steps)
+            return columns, number, (number >= last) | (jnp.bool_(False) if shepard is None else filter_due(number))
 
         columns, number, _ = jax.lax.while_loop(lambda carry: ~carry[2], once, (columns, number, jnp.bool_(False)))
-        return columns, note(health, columns, lists, number), number
+        health, plan = look(health, columns, lists, number)
+        return columns, lists, plan, health, number
+
+    def look(health, columns, lists, number):
+        """What is wrong with the lists, which of them are due, and for how many steps not to look again."""
+        placed = place_boundaries(scene, references, columns, time_of(number))
+        positions = positions_of(scene, columns, placed)
+        steps = {name: dt * velocity for name, velocity in velocities_of(scene, columns, placed).items()}
+        left = surroundings.steps_left(lists, positions, steps, reserve)
+        health = surroundings.note(health, lists, positions, state.step + number, left)
+        due = {name: ~(number_left >= 1) for name, (number_left, *_) in left.items()}
+        shortest = jnp.min(jnp.stack([number_left for number_left, *_ in left.values()]))
+        pause = jnp.clip(jnp.where(shortest >= 1, shortest / 2, 1), 1, LONGEST_PAUSE).astype(jnp.int32)
+        return health, (due, pause)
 
     health = state.health
     block = None if forward_mode else block
     if scene.meets and reserve is not None:
-        carry = (columns, health, jnp.int32(0))
-        columns, health, _ = jax.lax.while_loop(lambda carry: carry[2] < n_steps, until_due, carry)
+        lists = {"-".join(pair): found["-".join(pair)] for pair in surroundings.pairs_of(scene)}  # still empty
+        plan = dict.fromkeys(lists, jnp.bool_(True)), jnp.int32(1)
+        carry = (columns, lists, plan, health, jnp.int32(0))
+        columns, _, _, health, _ = jax.lax.while_loop(lambda carry: carry[4] < n_steps, until_next_look, carry)
     elif scene.meets:
         block = None if block is None else max(1, block // rebuild_every)
         columns, health = _repeated(between_builds, (columns, health), n_steps // rebuild_every, block)

@@ -150,20 +150,18 @@ def positions_of(scene, columns, placed) -> dict:
     return positions
 
 
-def speeds_of(scene, columns, placed) -> dict:
-    """Largest speed [m/s] of the particles of every system of `positions_of`."""
-
-    def largest(velocity):
-        return jnp.sqrt(jnp.max(jnp.sum(velocity * velocity, axis=0)))
-
-    fluids = {fluid.name: columns[fluid.name] for fluid in scene.fluids}
-    speeds = {name: largest(fields["velocity"] + fields.get("shift", 0.0)) for name, fields in fluids.items()}
+def velocities_of(scene, columns, placed) -> dict:
+    """Velocities (d, N) [m/s] at which the particles of every system of `positions_of` change their places."""
+    velocities = {fluid.name: columns[fluid.name]["velocity"] for fluid in scene.fluids}
+    velocities = {name: v + columns[name].get("shift", 0.0) for name, v in velocities.items()}
     # A wall that only slides does not move.
-    speeds |= {wall.name: largest(placed[wall.name][1]) if wall.moves else 0.0 for wall in scene.walls}
-    speeds |= {solid.name: largest(placed[solid.name][1]) for solid in scene.solids}
+    velocities |= {
+        wall.name: placed[wall.name][1] if wall.moves else jnp.zeros_like(placed[wall.name][0]) for wall in scene.walls
+    }
+    velocities |= {solid.name: placed[solid.name][1] for solid in scene.solids}
     if scene.effect(Contact) is not None:
-        speeds[TOUCHING] = jnp.max(jnp.stack([jnp.asarray(speeds[body.name], scene.dtype) for body in bodies(scene)]))
-    return speeds
+        velocities[TOUCHING] = jnp.concatenate([velocities[body.name] for body in bodies(scene)], axis=1)
+    return velocities
 
 
 def accelerations(

@@ -15,7 +15,7 @@ import numpy as np
 from jaxsph.contact import TOUCHING, largest_reach
 from jaxsph.effects import Contact
 from jaxsph.health import BEYOND_SKIN, OUTSIDE, OVERFLOW, Health
-from jaxsph.neighbors import Capacity, Domain, NeighborList, moved, neighbor_list, search_of
+from jaxsph.neighbors import Capacity, Domain, NeighborList, closing, far_enough, moved, neighbor_list, search_of
 from jaxsph.pytree import replace
 from jaxsph.walls import WallSummation
 
@@ -87,18 +87,42 @@ def rebuild(scene, templates: dict, positions: dict, pairs=None) -> dict[str, Ne
     return lists
 
 
-def hold(lists: dict[str, NeighborList], positions: dict, ways: dict):
-    """Whether lists still hold once the particles of every system have gone so far [m] from these positions (d, N)."""
-    enough = jnp.bool_(True)
+def steps_left(lists: dict[str, NeighborList], positions: dict, steps: dict, reserve) -> dict:
+    """For how many more steps each list holds, if particles go on as in `steps` (d, N) [m], and by how much it broke.
+
+    Args:
+        lists: by name.
+        positions: (d, N) by system [m].
+        steps: how far the particles of each system go in a step (d, N) [m].
+        reserve: how many times as fast as that they may come closer.
+
+    Returns:
+        By name (number of steps, of which it holds none already if below zero; how much closer pairs can have come;
+        how much they may have [m]).
+    """
+    left = {}
     for name, neighbors in lists.items():
         a, b = name.split("-")
-        closer = moved(neighbors, positions[a], None if a == b else positions[b])
-        enough &= closer + ways[a] + ways[b] < neighbors.skin
-    return enough
+        parts = [(neighbors, a)] if neighbors.transpose is None else [(neighbors, a), (neighbors.transpose, b)]
+        domain = neighbors.grid.domain
+        so_far = closing(neighbors, *(domain.displacement(positions[own], part.reference) for part, own in parts))
+        a_step = closing(neighbors, *(steps[own] for _, own in parts))
+        tiny = jnp.finfo(so_far.far.dtype).tiny
+        skin, apart = neighbors.skin, far_enough(neighbors)
+        near = jnp.min((skin - so_far.near) / (reserve * a_step.near + tiny))
+        far = (apart - so_far.far) / (reserve * a_step.far + tiny)
+        closest = jnp.max(so_far.near)
+        is_near = closest * apart >= so_far.far * skin if math.isfinite(apart) else True  # which is the closer call
+        left[name] = jnp.minimum(near, far), jnp.where(is_near, closest, so_far.far), jnp.where(is_near, skin, apart)
+    return left
 
 
-def note(health: Health, lists: dict[str, NeighborList], positions: dict, step) -> Health:
-    """What is wrong with lists that were used until particles came to these positions."""
+def note(health: Health, lists: dict[str, NeighborList], positions: dict, step, left: dict | None = None) -> Health:
+    """What is wrong with lists that were used until particles came to these positions.
+
+    left: from `steps_left` there, which is exact; without it pairs are taken to have come closer by as much as the
+    farthest particles went.
+    """
     positions = jax.lax.stop_gradient(positions)
     for name, neighbors in lists.items():
         a, b = name.split("-")
@@ -115,9 +139,12 @@ def note(health: Health, lists: dict[str, NeighborList], positions: dict, step) 
                 needed = jnp.where(crowd, part.needed_members, needed)
                 limit = jnp.where(crowd, part.capacity.members, limit)
         health = health.note(neighbors.did_buffer_overflow, OVERFLOW, step, needed, limit)
-        closer = moved(neighbors, positions[a], None if a == b else positions[b])
-        broken = ~((closer < neighbors.skin) | (closer == 0))
-        health = health.note(broken & jnp.isfinite(closer), BEYOND_SKIN, step, closer, neighbors.skin)
+        if left is None:
+            closer, limit = moved(neighbors, positions[a], None if a == b else positions[b]), neighbors.skin
+        else:
+            _, closer, limit = left[name]
+        broken = ~((closer < limit) | (closer == 0))
+        health = health.note(broken & jnp.isfinite(closer), BEYOND_SKIN, step, closer, limit)
     return health
 
 

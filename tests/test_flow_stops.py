@@ -40,11 +40,25 @@ def test_lists_hold_as_long_as_no_pair_can_have_come_closer_than_the_skin(scene)
     positions = {name: jnp.asarray(scene[name].particles.positions).T for name in ("water", "tank")}
     lists = surroundings.rebuild(scene, found, positions)
     skin = lists["water-water"].skin
-    # a pair that both go so far has come .8 of the skin closer
-    positions["water"] = positions["water"].at[0, 0].add(0.4 * skin)
-    assert surroundings.hold(lists, positions, {"water": 0.09 * skin, "tank": 0.0})
-    assert not surroundings.hold(lists, positions, {"water": 0.11 * skin, "tank": 0.0})
-    assert not surroundings.hold(lists, positions, {"water": 0.0, "tank": 0.61 * skin})
+    still = {name: jnp.zeros_like(places) for name, places in positions.items()}
+
+    def steps(moved, step, reserve=1.0):
+        return surroundings.steps_left(lists, moved, step, reserve)
+
+    # One particle goes .4 of the skin towards the others, and goes on by a tenth in a step.
+    moved = {**positions, "water": positions["water"].at[0, 0].add(0.4 * skin)}
+    step = {**still, "water": still["water"].at[0, 0].set(0.1 * skin)}
+    for name in ("water-water", "water-tank"):
+        left, closer, limit = steps(moved, step)[name]
+        assert (closer, limit) == (pytest.approx(0.4 * skin), skin)
+        assert left == pytest.approx(6.0)
+        assert steps(moved, step, reserve=2.0)[name][0] == pytest.approx(3.0)
+    # All of the water goes the same way: it comes closer to the tank alone.
+    moved = {**positions, "water": positions["water"] + 0.4 * skin}
+    assert steps(moved, still)["water-water"][1] == pytest.approx(
+        0.0, abs=1e-12 * skin + 1e-15
+    )  # rounding of positions
+    assert steps(moved, still)["water-tank"][1] == pytest.approx(0.4 * skin * np.sqrt(2))
 
 
 @pytest.mark.slow

@@ -13,14 +13,18 @@ from jaxsph.neighbors.cells import CellGrid
 from jaxsph.neighbors.domain import Domain
 from jaxsph.neighbors.jax_md import from_jax_md, to_jax_md
 from jaxsph.neighbors.lists import NeighborList, is_valid, moved, raise_if_wrong, safe_steps, skin_message
+from jaxsph.neighbors.regions import Closing, closing, far_enough
 from jaxsph.neighbors.search import Capacity
 
 __all__ = [
     "Capacity",
     "CellGrid",
+    "Closing",
     "Domain",
     "NeighborList",
     "NeighborSearch",
+    "closing",
+    "far_enough",
     "from_jax_md",
     "is_valid",
     "moved",

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int
 
 from jaxsph.neighbors import jax_md
-from jaxsph.neighbors.cells import Box, CellGrid, cell_order
+from jaxsph.neighbors.cells import Box, CellGrid, cell_order, sums_up_to
 from jaxsph.neighbors.domain import Domain
 from jaxsph.neighbors.lists import NeighborList, raise_if_wrong, require_senders
 from jaxsph.neighbors.search import Capacity, find_neighbors, index_cells
@@ -273,29 +273,30 @@ def _rebuilt(grid, in_cell_order, neighbors, positions, senders):
 
 def _rebuilt_near(grid, neighbors, positions, senders):
     """A list of two sets with rows for those near each other: found, and then searched like any two sets."""
-    forward, positions_near = _chosen(grid, neighbors, positions, senders)
-    back, senders_near = _chosen(grid, neighbors.transpose, senders, positions)
-    forward = _filled(grid, forward, positions_near, index_cells(grid, senders_near, False), None)
-    back = _filled(grid, back, senders_near, index_cells(grid, positions_near, False), None)
+    forward, positions_near, n_near = _chosen(grid, neighbors, positions, senders)
+    back, senders_near, n_senders_near = _chosen(grid, neighbors.transpose, senders, positions)
+    forward = _filled(grid, forward, positions_near, index_cells(grid, senders_near, False), None, n_near)
+    back = _filled(grid, back, senders_near, index_cells(grid, positions_near, False), None, n_senders_near)
     return replace(forward, reference=positions, transpose=replace(back, reference=senders))
 
 
 def _chosen(grid, part, positions, others):
-    """The list with its members chosen, and their positions; NaN in rows that are left over."""
+    """The list with its members chosen, their positions, NaN in rows that are left over, and how many they are."""
     n, rows = positions.shape[1], part.capacity.members
     near = grid.any_near(positions, others)
-    members = jnp.nonzero(near, size=rows, fill_value=n)[0].astype(jnp.int32)
-    place = jnp.where(near, jnp.minimum(jnp.cumsum(near, dtype=jnp.int32) - 1, rows), rows)
-    needed = jnp.maximum(part.needed_members, jnp.sum(near, dtype=jnp.int32))
-    part = replace(part, members=members, place=place, needed_members=needed)
-    return part, positions.at[:, members].get(mode="fill", fill_value=jnp.nan)
+    standing = sums_up_to(near.astype(jnp.int32))
+    place = jnp.where(near, jnp.minimum(standing - 1, rows), rows)
+    members = jnp.full(rows, n, jnp.int32).at[place].set(jnp.arange(n, dtype=jnp.int32), mode="drop")
+    n_near = standing[-1]
+    part = replace(part, members=members, place=place, needed_members=jnp.maximum(part.needed_members, n_near))
+    return part, positions.at[:, members].get(mode="fill", fill_value=jnp.nan), n_near
 
 
-def _filled(grid, neighbors, receivers, indexed_senders, own):
-    """The list of these receivers, with its flags brought up to date."""
+def _filled(grid, neighbors, receivers, indexed_senders, own, n_used=None):
+    """The list of these receivers, or of the first n_used, with its flags brought up to date."""
     permutation, sorted_senders, starts, ordered = indexed_senders
     indices, count, width, width_round = find_neighbors(
-        grid, receivers, sorted_senders, starts, permutation, own, neighbors.capacity
+        grid, receivers, sorted_senders, starts, permutation, own, neighbors.capacity, n_used
     )
     return replace(
         neighbors,

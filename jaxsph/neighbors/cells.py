@@ -127,16 +127,16 @@ class CellGrid:
         """First particle of each cell among particles sorted by cell, and the number of particles at the end."""
         counts = jnp.zeros(self.number_of_cells + 2, jnp.int32)
         counts = counts.at[sorted_numbers + 1].add(1, mode="promise_in_bounds", indices_are_sorted=True)
-        return jnp.cumsum(counts[:-1], dtype=jnp.int32)
+        return sums_up_to(counts[:-1])
 
     def any_near(self, positions: Float[Array, "d n"], others: Float[Array, "d m"]) -> Bool[Array, " n"]:
         """Whether there are others in the cells around each particle: no neighbor has a particle for which not."""
-        counts = jnp.zeros(self.number_of_cells + 2, jnp.int32).at[self.number_or_none(others) + 1].add(1)
-        first, last, first_round, last_round = self.ranges(
-            self.coordinates(positions), jnp.cumsum(counts[:-1], dtype=jnp.int32)
-        )
-        near = jnp.any(last > first, axis=0)
-        return near if first_round is None else near | jnp.any(last_round > first_round, axis=0)
+        taken = jnp.zeros(self.number_of_cells + 1, bool).at[self.number_or_none(others)].set(True)
+        order = (*self.across, self.along)
+        near = taken[:-1].reshape([self.cells[axis] for axis in order])
+        for place, axis in enumerate(order):
+            near = _spread(near, place, self.spans[axis], periodic=self.domain.periodic[axis])
+        return near.reshape(-1).at[self.number(self.coordinates(positions))].get(mode="promise_in_bounds")
 
     def ranges(self, coordinates: Int[Array, "d n"], starts: Int[Array, " cells_and_one"]):
         """Candidate ranges [first, last) of particles in these cells: for each row nearby, and for its far end.
@@ -186,6 +186,22 @@ class CellGrid:
                 c = jnp.clip(c, 0, cells - 1)
             across.append(c)
         return self._row(across), exists
+
+
+def sums_up_to(counts: Int[Array, " n"]) -> Int[Array, " n"]:
+    """The sum of each count and all before it: what `jnp.cumsum` gives, in half the time or less on CPUs."""
+    return jax.lax.associative_scan(jnp.add, counts)
+
+
+def _spread(flags, axis, span, *, periodic):
+    """Flags that are set where one is set within so many cells along an axis."""
+    n = flags.shape[axis]
+    if periodic:
+        return jnp.any(jnp.stack([jnp.roll(flags, step, axis) for step in range(-span, span + 1)]), axis=0)
+    widths = [(span, span) if other == axis else (0, 0) for other in range(flags.ndim)]
+    padded = jnp.pad(flags, widths)
+    parts = [jax.lax.slice_in_dim(padded, step, step + n, axis=axis) for step in range(2 * span + 1)]
+    return jnp.any(jnp.stack(parts), axis=0)
 
 
 def cell_order(grid: CellGrid, positions: Float[Array, "d n"]) -> Int[Array, " n"]:

@@ -10,6 +10,7 @@ in tiles whose temporary arrays stay in the cache.
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -54,7 +55,7 @@ def index_cells(grid: CellGrid, positions, in_cell_order: bool):
     return permutation, positions, grid.starts(numbers), ordered
 
 
-def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, capacity: Capacity):
+def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, capacity: Capacity, n_used=None):
     """The neighbors of every receiver.
 
     Args:
@@ -65,14 +66,16 @@ def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, 
         sender_ids: (M,) the number of each sorted sender in its own set; None if they are the same.
         own: (N,) where each receiver stands among the sorted senders; None for two different sets.
         capacity: sizes of the arrays.
+        n_used: how many receivers there are, the first of them; those that follow have no neighbors, and cost nothing.
 
     Returns:
         indices (slots, N), number of neighbors (N,) also beyond the slots, widest range, widest far range.
     """
     n, slots = receivers.shape[1], capacity.slots
     padded = jnp.pad(senders, ((0, 0), (0, WORD)), constant_values=jnp.inf)
-    tile = min(n, max(TILE_BYTES // (8 * max(slots, 1)), 1024))
-    n_tiles = -(-n // tile)
+    smallest = 1024
+    tile = min(n, max(TILE_BYTES // (8 * max(slots, 1)), smallest) if n_used is None else smallest)
+    n_tiles = -(-n // tile) if n_used is None else (jnp.minimum(n_used, n) + (tile - 1)) // tile
 
     def process(number, found):
         indices, counts, width, width_round = found
@@ -81,8 +84,15 @@ def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, 
         ids = begin + jnp.arange(tile, dtype=jnp.int32)
         part = receivers.at[:, ids].get(mode="promise_in_bounds")
         own_part = None if own is None else own.at[ids].get(mode="promise_in_bounds")
-        words, bases, count, widths = _test_candidates(grid, part, padded, starts, own_part, capacity)
-        indices_part = _read_out(words, bases, slots)
+        ranges = _candidates(grid, part, starts)
+        widths = [jnp.max(last - first) if last is not None else jnp.int32(0) for first, last in ranges]
+        found_in = partial(_found, grid, part, padded, own_part, ranges, slots)
+        if capacity.range > WORD:  # with its reserve, which is seldom used; a range of one word takes half the time
+            narrow = widths[0] <= WORD
+            one_word = partial(found_in, dataclasses.replace(capacity, range=WORD))
+            indices_part, count = jax.lax.cond(narrow, one_word, partial(found_in, capacity))
+        else:
+            indices_part, count = found_in(capacity)
         if sender_ids is not None:
             indices_part = sender_ids.at[indices_part].get(mode="promise_in_bounds")
         filled = jnp.arange(slots, dtype=jnp.int32)[:, None] < count
@@ -92,7 +102,7 @@ def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, 
         return indices, counts, jnp.maximum(width, widths[0]), jnp.maximum(width_round, widths[1])
 
     empty = (jnp.zeros((slots, n), jnp.int32), jnp.zeros(n, jnp.int32), jnp.int32(0), jnp.int32(0))
-    return process(0, empty) if n_tiles == 1 else jax.lax.fori_loop(0, n_tiles, process, empty)
+    return process(0, empty) if n_used is None and n_tiles == 1 else jax.lax.fori_loop(0, n_tiles, process, empty)
 
 
 def _words_of(width: int) -> tuple[int, int]:
@@ -101,22 +111,26 @@ def _words_of(width: int) -> tuple[int, int]:
     return words, min(-(-width // (8 * words)) * 8, WORD)
 
 
-def _test_candidates(grid, receivers, padded, starts, own, capacity):
-    """Bits of the candidates within reach: words (words, n), first candidate of each word, counts, widths."""
+def _candidates(grid, receivers, starts):
+    """Ranges of candidates: first and last of each row of cells, and of its far end (None where there is none)."""
     ranges = grid.ranges(grid.coordinates(receivers), starts)
     known = ~jnp.isnan(receivers[0])  # what has no position has no candidates
     ranges = tuple(None if ends is None else jnp.where(known, ends, 0) for ends in ranges)
     # Without the barriers XLA computes each range again for each candidate, and each word for each of its uses.
     first, last, first_round, last_round = jax.lax.optimization_barrier(ranges)
+    return (first, last), (first_round, last_round)
+
+
+def _found(grid, receivers, padded, own, ranges, slots, capacity):
+    """Positions of the neighbors (slots, n) among the sorted senders, and how many they are."""
+    (first, last), (first_round, last_round) = ranges
     words, bases = _words(grid, receivers, padded, own, first, last, capacity.range)
-    width_round = jnp.int32(0)
     if first_round is not None:
         far_words, far_bases = _words(grid, receivers, padded, own, first_round, last_round, capacity.range_round)
         words, bases = jnp.concatenate([words, far_words]), jnp.concatenate([bases, far_bases])
-        width_round = jnp.max(last_round - first_round)
     words, bases = jax.lax.optimization_barrier((words, bases))
     count = jnp.sum(jax.lax.population_count(words), axis=0, dtype=jnp.int32)
-    return words, bases, count, (jnp.max(last - first), width_round)
+    return _read_out(words, bases, slots), count
 
 
 def _words(grid, receivers, padded, own, first, last, width):
@@ -175,5 +189,14 @@ def _read_out(words, bases, slots):
         lowest = jax.lax.population_count((word ^ rest) - jnp.uint32(1)).astype(jnp.int32)
         return (rest, base), jnp.where(word != 0, base + lowest, 0)
 
+    word_at, base_at = word_at.reshape(slots, n), base_at.reshape(slots, n)
+
+    def of_slot(carry):
+        slot, current, read = carry
+        current, lowest = take_lowest(current, (word_at[slot], base_at[slot]))
+        return slot + 1, current, jax.lax.dynamic_update_slice_in_dim(read, lowest[None], slot, 0)
+
+    used = jnp.minimum(jnp.max(jnp.sum(jax.lax.population_count(words), axis=0, dtype=jnp.int32)), slots)
     start = (jnp.zeros(n, jnp.uint32), jnp.zeros(n, jnp.int32))
-    return jax.lax.scan(take_lowest, start, (word_at.reshape(slots, n), base_at.reshape(slots, n)))[1]
+    carry = (jnp.int32(0), start, jnp.zeros((slots, n), jnp.int32))
+    return jax.lax.while_loop(lambda carry: carry[0] < used, of_slot, carry)[2]

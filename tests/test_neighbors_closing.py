@@ -1,0 +1,70 @@
+"""How much closer pairs can have come, by region: no pair is missed, and going together is not taken for closing."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from neighbor_oracles import all_pairs, lattice, pairs_of, random
+
+from jaxsph.neighbors import Domain, closing, far_enough, moved, neighbor_list
+
+CUTOFF, SKIN = 0.06, 0.03
+
+
+def ways(positions, kind, seed):
+    """How particles go: all the same way and each a little its own, a shear, or one alone against the others."""
+    draw, d = np.random.default_rng(seed), len(positions)
+    together = draw.normal(size=(d, 1))
+    if kind == "flow":
+        return together + 0.05 * draw.normal(size=positions.shape)
+    if kind == "shear":
+        return np.stack([np.sin(2 * np.pi * positions[(axis + 1) % d]) for axis in range(d)]) + 3 * together
+    alone = np.zeros(positions.shape)
+    alone[:, draw.integers(positions.shape[1], size=3)] = draw.normal(size=(d, 3))
+    return alone
+
+
+@pytest.mark.parametrize("kind", ["flow", "shear", "alone"])
+@pytest.mark.parametrize("sets", ["one", "two"])
+@pytest.mark.parametrize(("dimension", "periodic"), [(2, (False, False)), (2, (True, False)), (3, (True, True, True))])
+def test_no_pair_is_missed_as_long_as_none_came_closer_than_the_skin(dimension, periodic, sets, kind):
+    """Ways are made so long that the first of the two bounds is just kept."""
+    domain = Domain((0,) * dimension, (1,) * dimension, periodic)
+    search = neighbor_list(domain, CUTOFF, SKIN)
+    for seed in range(5):
+        a, b = lattice(dimension, 0.4, seed), random(dimension, seed=seed + 10)
+        parts = (a,) if sets == "one" else (a, b)
+        neighbors = search.allocate(*map(jnp.asarray, parts))
+        all_ways = [ways(part, kind, seed) for part in parts]
+        found = closing(neighbors, *map(jnp.asarray, all_ways))
+        # No further than the margin of the domain, beyond which the oracle does not look.
+        longest = max(float(np.abs(way).max()) for way in all_ways)
+        worst = max(float(found.near.max()) / SKIN, float(found.far) / far_enough(neighbors), longest / 0.2)
+        after = [jnp.asarray(part + 0.999 * way / worst) for part, way in zip(parts, all_ways, strict=True)]
+        wide = Domain((-1,) * dimension, (2,) * dimension) if not any(periodic) else domain
+        meet = set(all_pairs(wide, after[0], after[-1], CUTOFF, same=sets == "one"))
+        assert meet <= set(pairs_of(neighbors))
+        assert meet, "some pairs are within the cutoff"
+
+
+def test_particles_that_go_together_do_not_close():
+    search = neighbor_list(Domain((0, 0), (1, 1)), CUTOFF, SKIN)
+    positions = jnp.asarray(lattice(2, 0.4))
+    neighbors = search.allocate(positions)
+    together = jnp.full_like(positions, 0.1)
+    found = closing(neighbors, together)
+    assert float(found.near.max()) == float(found.far) == 0
+    assert float(moved(neighbors, positions + together)) == pytest.approx(0.2 * np.sqrt(2))
+    # A shear that a region hardly sees: .1 from one end of the box to the other.
+    shear = jnp.stack([0.1 * positions[1], jnp.zeros_like(positions[1])])
+    found = closing(neighbors, shear)
+    assert float(found.far) == pytest.approx(0.1, rel=0.1)  # particles do not reach the walls
+    assert float(found.near.max()) == pytest.approx(0.1 * 3 / 5, rel=0.1), "three regions of five"
+
+
+def test_senders_belong_to_lists_of_two_sets():
+    search = neighbor_list(Domain((0, 0), (1, 1)), CUTOFF, SKIN)
+    positions = jnp.asarray(lattice(2, 0.1))
+    with pytest.raises(ValueError, match="senders"):
+        closing(search.allocate(positions, positions), positions)
+    with pytest.raises(ValueError, match="senders"):
+        closing(search.allocate(positions), positions, positions)
