@@ -11,19 +11,21 @@ CUTOFF, SKIN = 0.06, 0.03
 
 
 def ways(positions, kind, seed):
-    """How particles go: all the same way and each a little its own, a shear, or one alone against the others."""
+    """How particles go: all the same way and each a little its own, sheared, block against block, or some alone."""
     draw, d = np.random.default_rng(seed), len(positions)
     together = draw.normal(size=(d, 1))
     if kind == "flow":
         return together + 0.05 * draw.normal(size=positions.shape)
     if kind == "shear":
         return np.stack([np.sin(2 * np.pi * positions[(axis + 1) % d]) for axis in range(d)]) + 3 * together
+    if kind == "blocks":  # as large as the regions: within each, nobody comes closer to anybody
+        return together * (1 - 2 * (np.floor(5 * positions).sum(axis=0) % 2))
     alone = np.zeros(positions.shape)
     alone[:, draw.integers(positions.shape[1], size=3)] = draw.normal(size=(d, 3))
     return alone
 
 
-@pytest.mark.parametrize("kind", ["flow", "shear", "alone"])
+@pytest.mark.parametrize("kind", ["flow", "shear", "blocks", "alone"])
 @pytest.mark.parametrize("sets", ["one", "two"])
 @pytest.mark.parametrize(("dimension", "periodic"), [(2, (False, False)), (2, (True, False)), (3, (True, True, True))])
 def test_no_pair_is_missed_as_long_as_none_came_closer_than_the_skin(dimension, periodic, sets, kind):

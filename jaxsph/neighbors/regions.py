@@ -6,7 +6,7 @@ particles went, a list would be out of date long before a pair of its neighbors 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -28,7 +28,7 @@ class Closing(NamedTuple):
     far: Float[Array, ""]
 
 
-def closing(neighbors: NeighborList, ways: Float[Array, "d n"], sender_ways=None) -> Closing:
+def closing(neighbors: NeighborList, ways: Float[Array, "d n"], sender_ways: Any = None) -> Closing:
     """How much closer pairs come if particles that stood where the list was built go these ways (d, N) [m].
 
     Two particles of a region and those around it come closer by no more than the diagonal of the box that holds all
@@ -40,8 +40,10 @@ def closing(neighbors: NeighborList, ways: Float[Array, "d n"], sender_ways=None
     counts = _regions(neighbors)
     d = len(counts)
     largest = jnp.full((2 * d, *counts), -jnp.inf, ways.dtype)
-    parts = [neighbors] if neighbors.transpose is None else [neighbors, neighbors.transpose]
-    for part, part_ways in zip(parts, (ways, sender_ways), strict=False):
+    sets = (
+        [(neighbors, ways)] if neighbors.transpose is None else [(neighbors, ways), (neighbors.transpose, sender_ways)]
+    )
+    for part, part_ways in sets:
         both = jnp.concatenate([part_ways, -part_ways])
         largest = largest.at[:, *_region_of(neighbors, part.reference)].max(both)
     everywhere = jnp.max(largest, axis=range(1, d + 1))

@@ -31,7 +31,7 @@ def fall(make: Callable[..., jaxsph.Scene], quick: bool) -> Iterator[list[Row]]:
         ]
 
 
-SPACING = 0.04
+SPACING = 0.025
 LIMITS = {np.float32: 1e-5, np.float64: 1e-13}
 """Of a sum over some thousand particles, each with a rounding of 6e-8 or 1e-16 of forces that nearly cancel."""
 
