@@ -14,6 +14,7 @@ from inverse.transforms import Transform
 LOOKS = 5  # states of a run, spread evenly, in which neighbors are counted
 ROOM = 1.4  # for more neighbors than those: other values of the unknowns, states in between
 SPEED_MARGIN = 1.1
+CORNERS_RUN_OF = 2  # unknowns: 4 runs
 
 
 class JaxsphSimulation:
@@ -23,9 +24,10 @@ class JaxsphSimulation:
     traced value: a fit does not change its own discretization while it moves. Nor do the substeps of structures
     beside fluids, the most that any corner needs: no iterate goes unstable.
 
-    With fluids or contact the starting values are run once with plain numbers. From that run come the room that
-    neighbor lists get, because a lattice crowds when it breaks up, and the top speed, which says how often they are
-    built. Neither changes a result: a run that needs more raises.
+    With fluids or contact the starting values are run once with plain numbers, and so are the corners of the bounds of
+    up to two unknowns, where they can be. From these runs come the room that neighbor lists get, because a lattice
+    crowds when it breaks up, and a softer body lets water go elsewhere; and the top speed, which says how often lists
+    are built. Neither changes a result: a run that needs more raises.
     """
 
     def __init__(
@@ -56,9 +58,26 @@ class JaxsphSimulation:
 
                 substeps = most_substeps([replace(scene, corner) for corner in corners(unknown)], time_step)
                 self._options = {"integrator": jaxsph.KickDriftKick(substeps)}
-            rehearsal = self._run(replace(scene, {name: t.start[()] for name, t in unknown.items()}), times)
-            fastest = [max_speed(rehearsal), *(max_speed_expected(replace(scene, c)) for c in corners(unknown))]
-            self._options |= {"topologies_of_scene": topologies_of_run(rehearsal), "max_speed": max(fastest)}
+            starts = {name: t.start[()] for name, t in unknown.items()}
+            ends = corners(unknown) if len(unknown) <= CORNERS_RUN_OF else ()
+            runs = self._rehearsals(replace, scene, [starts, *ends], times)
+            expected = [max_speed_expected(replace(scene, corner)) for corner in corners(unknown)]
+            self._options |= {
+                "topologies_of_scene": topologies_of_runs(runs),
+                "max_speed": max(*map(max_speed, runs), *expected),
+            }
+
+    def _rehearsals(self, replace, scene, values, times) -> list[Any]:
+        """Runs with these values in turn; all but the first are left out where they fail."""
+        from jaxsph.errors import SimulationError
+
+        runs = [self._run(replace(scene, values[0]), times)]
+        for others in values[1:]:
+            try:
+                runs.append(self._run(replace(scene, others), times))
+            except SimulationError:
+                continue  # values at the end of their bounds may be too much for a scene, and need not be reached
+        return runs
 
     def __call__(self, scene: Any, times: np.ndarray, mode: str):
         return self._run(scene, times, mode=mode).at(times)
@@ -77,14 +96,17 @@ class JaxsphSimulation:
         )
 
 
-def topologies_of_run(run: Any) -> dict[str, Any]:
-    """Like `jaxsph.topologies`, with room for the neighbors that each pair of systems has in any state of a run."""
+def topologies_of_runs(runs: list[Any]) -> dict[str, Any]:
+    """Like `jaxsph.topologies`, with room for the neighbors that each pair of systems has in any state of the runs."""
     import jaxsph
 
-    last = len(run.times) - 1
-    chosen = sorted({round(last * part / (LOOKS - 1)) for part in range(LOOKS)})
-    states = [jax.tree.map(lambda leaf, i=i: leaf[i], run.states) for i in chosen]
-    found = [jaxsph.topologies(run.scene, state, capacity_multiplier=ROOM) for state in states]
+    states = []
+    for run in runs:
+        last = len(run.times) - 1
+        chosen = sorted({round(last * part / (LOOKS - 1)) for part in range(LOOKS)})
+        states += [jax.tree.map(lambda leaf, i=i, run=run: leaf[i], run.states) for i in chosen]
+    scene = runs[0].scene
+    found = [jaxsph.topologies(scene, state, capacity_multiplier=ROOM) for state in states]
     roomy = dict(found[0])
     for name in roomy:
         sizes = np.array([_sizes(each[name]) for each in found])
@@ -94,7 +116,7 @@ def topologies_of_run(run: Any) -> dict[str, Any]:
             best = int(np.argmin(lacking))
             roomy[name] = found[best][name]
             if lacking[best] > 1:
-                more = jaxsph.topologies(run.scene, states[best], capacity_multiplier=ROOM * float(lacking[best]))
+                more = jaxsph.topologies(scene, states[best], capacity_multiplier=ROOM * float(lacking[best]))
                 roomy[name] = more[name]
     return roomy
 
