@@ -14,7 +14,7 @@ from jaxsph.integrate import noted
 from jaxsph.pytree import replace
 from jaxsph.state import State, to_columns, to_rows
 
-LONGEST_PAUSE = 8
+LONGEST_PAUSE = 16
 """Steps after which to look at the neighbor lists again, at most: a wave that breaks changes velocities fast."""
 
 

@@ -149,7 +149,7 @@ def note(health: Health, lists: dict[str, NeighborList], positions: dict, step, 
 
 
 def enlarged(neighbors: NeighborList, factor: float) -> NeighborList:
-    """An empty list with arrays larger by a factor, as a template; its flags are cleared."""
+    """An empty list with arrays larger by a factor, and at least twice the rows; a template, its flags are cleared."""
     n_receivers = neighbors.reference.shape[1]
     if neighbors.transpose is None:
         return _empty(neighbors, factor, n_receivers)
@@ -164,7 +164,8 @@ def _empty(part: NeighborList, factor: float, n_senders: int) -> NeighborList:
     old, rows, n_receivers = part.capacity, part.indices.shape[1], part.reference.shape[1]
     chosen = {}
     if part.place is not None:
-        rows = grown(rows, n_receivers)
+        # Water that spreads wets more and more of the walls: twice the rows, rather than compile a little later again.
+        rows = min(max(grown(rows, n_receivers), 2 * rows), n_receivers)
         chosen = {"members": jnp.full(rows, n_receivers, jnp.int32), "place": jnp.full(n_receivers, rows, jnp.int32)}
     capacity = Capacity(grown(old.slots), grown(old.range), grown(old.range_round), rows if chosen else None)
     return replace(
