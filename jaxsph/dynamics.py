@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxsph import surroundings
 from jaxsph.contact import TOUCHING, bodies, contact_forces, contact_time_step, touching
-from jaxsph.effects import AcousticDamper, BodyForce, Contact, Damping, PenaltyForce
+from jaxsph.effects import AcousticDamper, BodyForce, Contact, Damping, KelvinVoigt, PenaltyForce
 from jaxsph.flow import FluidReference, WallReference, forces
 from jaxsph.pytree import is_concrete, pytree_dataclass, replace
 from jaxsph.rigid_body import RigidBody, RigidReference, rigid_acceleration, rigid_reference
@@ -231,6 +231,9 @@ def structure_acceleration(scene, structure, ready: Reference, fields, time, *, 
     displacement = fields["displacement"]
     if "remainder" in fields:
         displacement = (displacement, fields["remainder"])
+    friction = scene.effect(KelvinVoigt)
+    if friction is not None:
+        displacement = friction.ahead(displacement, fields["velocity"])
     total = elastic_acceleration(structure, ready, displacement, penalty, forward_mode=forward_mode)
     return ready.moving * _and_from_outside(scene, ready, fields, time, total)
 
@@ -313,7 +316,7 @@ def plate_time_step(scene, fluid, structure):
 
 
 def structure_time_step(scene, structure, ready: Reference, displacement=None):
-    """2 / w_max [s]: the limit of the kick-drift-kick step for the fastest vibration about a displacement.
+    """2 / w_max [s], less with friction: the limit of kick-drift-kick for the fastest vibration about a displacement.
 
     The frequency comes from a power iteration on the linearised elastic forces, so it holds for any kernel,
     arrangement of particles, law and penalty; it is of the order of the spacing over the p-wave speed. Bodies that are
@@ -338,7 +341,8 @@ def structure_time_step(scene, structure, ready: Reference, displacement=None):
         return (image, jnp.sqrt(jnp.sum(image**2))), None
 
     (_, squared), _ = jax.lax.scan(iterate, (vector, jnp.zeros((), vector.dtype)), length=POWER_ITERATIONS)
-    return 2 / jnp.sqrt(jnp.maximum(squared, jnp.finfo(squared.dtype).tiny))
+    limit, friction = 2 / jnp.sqrt(jnp.maximum(squared, jnp.finfo(squared.dtype).tiny)), scene.effect(KelvinVoigt)
+    return limit if friction is None else friction.stable(limit)
 
 
 def fluid_time_step(scene, fluid):

@@ -15,6 +15,7 @@ from jaxsph.effects import (
     Contact,
     Damping,
     FlowEffect,
+    KelvinVoigt,
     KernelGradientCorrection,
     PenaltyForce,
     ShepardFilter,
@@ -244,9 +245,9 @@ def _check_systems(systems):
 
 def _check_effects(effects, systems):
     for effect in effects:
-        if not isinstance(effect, (PenaltyForce, Damping, Contact, FlowEffect, ShepardFilter, Shifting)):
+        if not isinstance(effect, (PenaltyForce, Damping, KelvinVoigt, Contact, FlowEffect, ShepardFilter, Shifting)):
             raise ValueError(f"{effect!r} is not an effect; see jaxsph.effects for those that are")
-        wanted: Any = Structure if isinstance(effect, PenaltyForce) else Fluid
+        wanted: Any = Structure if isinstance(effect, (PenaltyForce, KelvinVoigt)) else Fluid
         if isinstance(effect, (Contact, Damping)):
             wanted = (Structure, RigidBody)
         if not any(isinstance(system, wanted) for system in systems) and not isinstance(effect, BodyForce):

@@ -221,7 +221,7 @@ def block(*listed):
 
 @pytest.mark.parametrize(
     "listed",
-    [sph.PenaltyForce(0.05), sph.Damping(1.0), sph.BodyForce(swaying)],
+    [sph.PenaltyForce(0.05), sph.Damping(1.0), sph.KelvinVoigt(1e-4), sph.BodyForce(swaying)],
     ids=lambda listed: type(listed).__name__,
 )
 def test_effects_on_structures_add_their_own(listed):

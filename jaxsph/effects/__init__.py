@@ -8,6 +8,7 @@ from jaxsph.effects.damping import Damping
 from jaxsph.effects.density_diffusion import DeltaDiffusion, DensityDiffusion
 from jaxsph.effects.flow_effect import FlowEffect
 from jaxsph.effects.gradient_correction import KernelGradientCorrection
+from jaxsph.effects.kelvin_voigt import KelvinVoigt
 from jaxsph.effects.penalty import PenaltyForce
 from jaxsph.effects.shepard_filter import ShepardFilter
 from jaxsph.effects.shifting import ParticleShifting, Shifting, TransportVelocity
@@ -23,6 +24,7 @@ __all__ = [
     "DeltaDiffusion",
     "DensityDiffusion",
     "FlowEffect",
+    "KelvinVoigt",
     "KernelGradientCorrection",
     "ParticleShifting",
     "PenaltyForce",

@@ -11,6 +11,7 @@ from jaxsph.effects import (
     Damping,
     DeltaDiffusion,
     DensityDiffusion,
+    KelvinVoigt,
     PenaltyForce,
     ShepardFilter,
     Shifting,
@@ -104,6 +105,8 @@ def _effect(facts, effect):
         return Finding(name, "keeps solids from passing through each other and through walls")
     if isinstance(effect, Damping):
         return Finding(name, "brings structures to rest; a static state is exact, the motion towards it is not")
+    if isinstance(effect, KelvinVoigt):
+        return Finding(name, "damps vibrations of structures, the more the faster they are")
     return Finding(name, "listed")
 
 

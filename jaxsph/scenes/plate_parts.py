@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxsph.effects import ArtificialViscosity, DeltaDiffusion, PenaltyForce
+from jaxsph.effects import ArtificialViscosity, DeltaDiffusion, KelvinVoigt, PenaltyForce
 from jaxsph.geometry import Particles, box
+from jaxsph.materials import lame_parameters
 from jaxsph.neighbors import Domain
 from jaxsph.scene import Scene
 from jaxsph.scenes.tank_flow import GRAVITY
@@ -39,6 +40,13 @@ def without(walls: Particles, body: Particles) -> Particles:
 
 USUAL = (DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(PENALTY))
 """Effects of the scenes of fluids and plates."""
+
+
+def friction_of(structure: Any) -> KelvinVoigt:
+    """Friction that holds down the vibrations which a fluid feeds: tau of a tenth of the spacing over the wave speed."""
+    lam, mu = lame_parameters(structure.youngs_modulus, structure.poisson_ratio)
+    wave_speed = float(np.sqrt((lam + 2 * mu) / structure.density))
+    return KelvinVoigt(0.1 * float(structure.particles.spacing) / wave_speed)
 
 
 def plate_scene(*systems, effects, smoothing, inside) -> Scene:

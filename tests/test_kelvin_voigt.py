@@ -1,0 +1,123 @@
+"""Internal friction: what it takes from each mode, where it is stable, and that a body that turns is left alone."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from bodies import block, in_columns, in_rows
+
+import jaxsph as sph
+from jaxsph import pytree
+from jaxsph.dynamics import accelerations, prepare
+from jaxsph.state import to_columns
+from jaxsph.structure import elastic_acceleration, reference, topology
+
+SMALL = 1e-9  # of the spacing: what is not linear in the displacement is rounding
+
+
+@pytest.fixture(scope="module")
+def modes():
+    """Angular frequencies and shapes (N, d) of a free block, slowest first, without its rigid motions."""
+    body = block(2)
+    found = topology(body)
+    ready = reference(body, found, penalty=False)
+    shape = ready.positions.shape
+    force = lambda u: elastic_acceleration(body, ready, u.reshape(shape)).reshape(-1)  # noqa: E731
+    matrix = np.asarray(jax.jit(jax.jacfwd(force))(jnp.zeros(ready.positions.size)))
+    root = np.sqrt(np.asarray(ready.mass))  # of all directions of a particle
+    root = np.broadcast_to(root, shape).reshape(-1)
+    squared, vectors = np.linalg.eigh(-root[:, None] * matrix / root)
+    # Rigid motions and the modes that particles see no stresses of are not vibrations.
+    real = squared > 1e-4 * squared[-1]
+    shapes = [in_rows((vector / root).reshape(shape), found) for vector in vectors.T[real]]
+    return np.sqrt(squared[real]), shapes
+
+
+def scene_of(velocity, relaxation_time):
+    effects = [sph.KelvinVoigt(relaxation_time)] if relaxation_time else []
+    return sph.Scene(pytree.replace(block(2), velocity=velocity), effects=effects)
+
+
+def test_a_mode_decays_by_half_its_frequency_squared_times_tau(modes):
+    frequencies, shapes = modes
+    for number in (0, len(shapes) // 2):
+        w, shape = frequencies[number], shapes[number]
+        tau = 0.02 / w
+        scene = scene_of(SMALL * shape / np.abs(shape).max(), tau)
+        period = 2 * np.pi / w
+        step = period / np.ceil(period / (0.2 * sph.stable_time_step(scene)))
+        run = sph.simulate(scene, 5 * period, period, time_step=step)
+        u = np.asarray(run["block"]["velocity"])
+        along = np.sum(u * shape, axis=(1, 2)) / np.sum(u[0] * shape)
+        # After n periods of the undamped mode the phase is off by n pi tau^2 w^2 / 4: nothing.
+        rate = -np.log(along[-1]) / (5 * period)
+        # the velocity in the force is that of the half step: of second order, (w dt)^2 at most .04
+        assert rate == pytest.approx(0.5 * w**2 * tau, rel=0.02)
+
+
+def test_the_limit_of_the_step_is_real(modes):
+    """With friction of some strength: bounded below, divergent above."""
+    frequencies, shapes = modes
+    tau = 0.3 / frequencies[-1]
+    scene = scene_of(SMALL * shapes[-1] / np.abs(shapes[-1]).max(), tau)
+    limit = sph.stable_time_step(scene) / 0.9
+    exact = np.sqrt((2 / frequencies[-1]) ** 2 + tau**2) - tau
+    assert limit == pytest.approx(exact, rel=0.02), "a power iteration of some steps"
+    largest = {factor: float(peak(scene, sph.topologies(scene), factor * exact)) for factor in (0.0, 0.97, 1.05)}
+    assert largest[0.97] == pytest.approx(largest[0.0]), "it never gets faster than at the start"
+    assert not largest[1.05] < 1e3 * largest[0.0], "infinite or nearly so"
+
+
+@jax.jit
+def peak(scene, found, dt):
+    """Largest velocity in 400 steps."""
+    references = prepare(scene, found)
+    columns = to_columns(sph.initial_state(scene).systems, found)
+    rates = accelerations(scene, references, columns, 0.0)
+    columns = {name: {**fields, **rates[name]} for name, fields in columns.items()}
+
+    def step(columns, _):
+        moved = sph.KickDriftKick().step(scene, references, columns, None, 0.0, dt, forward_mode=True)
+        return moved, jnp.max(jnp.abs(columns["block"]["velocity"]))
+
+    return jnp.max(jax.lax.scan(step, columns, length=400)[1])
+
+
+def test_a_body_that_turns_is_left_alone():
+    """The stress of a rotation is of second order in tau times its rate."""
+    body, rate, tau = block(2), 3.0, 1e-4
+    found = topology(body)
+    ready = reference(body, found, penalty=False)
+    position = jnp.asarray(in_columns(np.asarray(body.particles.positions), found))
+    turning = rate * jnp.stack([-position[1], position[0]])
+    force = elastic_acceleration(body, ready, sph.KelvinVoigt(tau).ahead(jnp.zeros_like(position), turning))
+    stretched = elastic_acceleration(body, ready, tau * rate * position)
+    assert np.abs(force).max() < 2 * tau * rate * np.abs(stretched).max()
+
+
+def test_gradients_with_respect_to_tau_and_the_modulus():
+    """Both modes against central differences over a hundred steps."""
+    positions = np.asarray(block(2).particles.positions)
+    scene = scene_of(np.stack([positions[:, 1], -0.3 * positions[:, 0]], axis=1), 2e-5)
+    dt, found = 0.8 * sph.stable_time_step(scene), sph.topologies(scene)
+
+    def loss(x, mode="reverse"):
+        now = scene.replace({"KelvinVoigt.relaxation_time": 2e-5 * x[0], "block.youngs_modulus": 1e6 * x[1]})
+        run = sph.simulate(now, 100 * dt, 100 * dt, time_step=dt, topologies_of_scene=found, mode=mode)
+        return 1e6 * jnp.sum(run["block"]["displacement"][-1] ** 2)
+
+    x = jnp.ones(2)
+    reverse = jax.jit(jax.grad(loss))(x)
+    forward = jax.jit(jax.jacfwd(lambda x: loss(x, "forward")))(x)
+    np.testing.assert_allclose(forward, reverse, rtol=1e-10)  # a hundred steps of roundings
+    value = jax.jit(loss)
+    h = 1e-3
+    for k, direction in enumerate(np.eye(2)):
+        slope = lambda h, e=direction: (value(x + h * e) - value(x - h * e)) / (2 * h)  # noqa: E731
+        # extrapolated: what remains of the truncation is of the order h^4 = 1e-12
+        assert (4 * slope(h / 2) - slope(h)) / 3 == pytest.approx(float(reverse[k]), rel=1e-7)
+
+
+def test_what_it_acts_on():
+    with pytest.raises(ValueError, match=r"KelvinVoigt\.relaxation_time = -1\.0 must be >= 0\.0"):
+        sph.KelvinVoigt(-1.0)
