@@ -43,7 +43,7 @@ USUAL = (DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(PENALTY))
 
 
 def friction_of(structure: Any) -> KelvinVoigt:
-    """Friction that holds down the vibrations which a fluid feeds: tau of a tenth of the spacing over the wave speed."""
+    """Friction that holds down vibrations which a fluid feeds: tau of a tenth of the spacing over the wave speed."""
     lam, mu = lame_parameters(structure.youngs_modulus, structure.poisson_ratio)
     wave_speed = float(np.sqrt((lam + 2 * mu) / structure.density))
     return KelvinVoigt(0.1 * float(structure.particles.spacing) / wave_speed)

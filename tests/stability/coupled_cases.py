@@ -1,4 +1,4 @@
-"""H07, H11, H12, H17: plates that water strikes or stands on, thin, light, heavy, stiff; a channel of ten particles."""
+"""H07, H11, H12, H17, H18: plates that water strikes, stands on or bends; a channel of ten particles."""
 
 from __future__ import annotations
 
@@ -74,9 +74,29 @@ def stiff(quick: bool) -> Iterator[list[Row]]:
         ]
 
 
+def gate(quick: bool) -> Iterator[list[Row]]:
+    """A rubber gate that water bends for .4 s, with internal friction as the scene comes, and without."""
+
+    def speed(state):
+        return jnp.max(jnp.sum(state.systems["gate"]["velocity"] ** 2, axis=1)) ** 0.5
+
+    for name, effects in (("", None),) if quick else (("", None), (", without friction", USUAL)):
+        particles = 10 if quick else 40
+        scene = jaxsph.scenes.elastic_gate(particles, effects=effects, dtype=HALF)
+        watched = watch(scene, 0.4, 80, {"speed": speed})
+        where = (f"{particles} over the width{name}", precision(HALF))
+        late = np.asarray(watched.run.times) >= 0.2
+        fastest = float(np.max(watched.seen["speed"][late]))
+        yield [
+            *rows_of(watched, where, energy=None),
+            Row("largest speed of the gate from .2 s on [m/s]", fastest, None, *where),
+        ]
+
+
 CASES = [
     Case("H07", "Thin plate that a dam break strikes", thin),
     Case("H11", "Density of the plate : water", ratios),
     Case("H17", "Stiff plate under water, .5 s", stiff),
+    Case("H18", "Rubber gate that water bends, .4 s", gate),
     Case("H12b", "Poiseuille flow with 10 particles across, to 10 h^2/nu", channel),
 ]
