@@ -69,13 +69,13 @@ class JaxsphSimulation:
 
     def _rehearsals(self, replace, scene, values, times) -> list[Any]:
         """Runs with these values in turn; all but the first are left out where they fail."""
-        from jaxsph.errors import SimulationError
+        import jaxsph
 
         runs = [self._run(replace(scene, values[0]), times)]
         for others in values[1:]:
             try:
                 runs.append(self._run(replace(scene, others), times))
-            except SimulationError:
+            except jaxsph.SimulationError:
                 continue  # values at the end of their bounds may be too much for a scene, and need not be reached
         return runs
 
