@@ -14,7 +14,7 @@ from jaxsph.integrate import noted
 from jaxsph.pytree import replace
 from jaxsph.state import State, to_columns, to_rows
 
-LONGEST_PAUSE = 16
+LONGEST_PAUSE = 8
 """Steps after which to look at the neighbor lists again, at most: a wave that breaks changes velocities fast."""
 
 
@@ -149,7 +149,8 @@ def advance(
         def once(carry):
             columns, number, _ = carry
             columns, number = one_step(columns, number, lists), number + 1
-            return columns, number, (number >= last) | (jnp.bool_(False) if shepard is None else filter_due(number))
+            enough = number >= last
+            return columns, number, enough if shepard is None else enough | filter_due(number)
 
         columns, number, _ = jax.lax.while_loop(lambda carry: ~carry[2], once, (columns, number, jnp.bool_(False)))
         health, plan = look(health, columns, lists, number)

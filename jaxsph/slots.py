@@ -25,7 +25,6 @@ UNROLL_DERIVATIVE, UNROLL_DERIVATIVE_UP_TO = 2, 40_000
 """The loops over tangents and adjoints carry more: 2 slots in a turn are faster by a quarter at 10,000 particles and no
 better from 40,000 on, where one slot alone keeps both cores busy (in float64, 2 are slower there)."""
 
-
 TILE = 32_768
 """At most so many receivers go through the slots together: of more, what one slot gathers has left the cache before the
 next asks for it again. Tiles of this size are 3 times faster in 3D from 50,000 particles on and twice as fast in

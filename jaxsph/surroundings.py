@@ -97,7 +97,7 @@ def steps_left(lists: dict[str, NeighborList], positions: dict, steps: dict, res
         reserve: how many times as fast as that they may come closer.
 
     Returns:
-        By name (number of steps, of which it holds none already if below zero; how much closer pairs can have come;
+        By name (number of steps, below zero if it does not hold any more; how much closer pairs can have come [m];
         how much they may have [m]).
     """
     left = {}
@@ -120,7 +120,7 @@ def steps_left(lists: dict[str, NeighborList], positions: dict, steps: dict, res
 def note(health: Health, lists: dict[str, NeighborList], positions: dict, step, left: dict | None = None) -> Health:
     """What is wrong with lists that were used until particles came to these positions.
 
-    left: from `steps_left` there, which is exact; without it pairs are taken to have come closer by as much as the
+    left: from `steps_left` there, judged by region; without it pairs are taken to have come closer by as much as the
     farthest particles went.
     """
     positions = jax.lax.stop_gradient(positions)

@@ -1,10 +1,15 @@
 """Small bodies that several tests use."""
 
+from functools import partial
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 import jaxsph as sph
+from jaxsph.dynamics import accelerations, prepare
+from jaxsph.state import to_columns
 
 SPACING = 0.1
 SIZES = {2: (0.6, 0.6), 3: (0.4, 0.4, 0.4)}
@@ -38,3 +43,18 @@ def in_columns(rows, topology):
 def in_rows(columns, topology):
     """(..., N) in cell order to (N, ...) in the user's order."""
     return np.moveaxis(np.asarray(columns), -1, 0)[topology.rank]
+
+
+@partial(jax.jit, static_argnames=("n_steps", "field"))
+def peak(scene, found, time_step, n_steps, field):
+    """Largest value of a field of a block in so many steps of any length, which `simulate` would refuse to take."""
+    references = prepare(scene, found)
+    columns = to_columns(sph.initial_state(scene).systems, found)
+    rates = accelerations(scene, references, columns, 0.0)
+    columns = {name: {**fields, **rates[name]} for name, fields in columns.items()}
+
+    def step(columns, _):
+        moved = sph.KickDriftKick().step(scene, references, columns, None, 0.0, time_step, forward_mode=True)
+        return moved, jnp.max(jnp.abs(moved["block"][field]))
+
+    return jnp.max(jax.lax.scan(step, columns, length=n_steps)[1])

@@ -55,9 +55,8 @@ def test_lists_hold_as_long_as_no_pair_can_have_come_closer_than_the_skin(scene)
         assert steps(moved, step, reserve=2.0)[name][0] == pytest.approx(3.0)
     # All of the water goes the same way: it comes closer to the tank alone.
     moved = {**positions, "water": positions["water"] + 0.4 * skin}
-    assert steps(moved, still)["water-water"][1] == pytest.approx(
-        0.0, abs=1e-12 * skin + 1e-15
-    )  # rounding of positions
+    rounding = 1e-15  # of positions of up to a meter
+    assert steps(moved, still)["water-water"][1] == pytest.approx(0.0, abs=rounding)
     assert steps(moved, still)["water-tank"][1] == pytest.approx(0.4 * skin * np.sqrt(2))
 
 

@@ -28,6 +28,35 @@ def test_one_set(dimension, periodic, dtype):
         assert found == {(j, i) for i, j in found}, f"the list of {name} is not symmetric"
 
 
+@pytest.mark.parametrize(
+    ("dimension", "periodic"), [(2, (False, False)), (2, (True, False)), (3, (False, True, False))]
+)
+def test_rows_for_those_near_the_other_set_alone(periodic):
+    """So many rows that they are searched in several tiles, and so many left over that whole tiles are left out."""
+    dimension = len(periodic)
+    domain, draw = Domain((0,) * dimension, (1,) * dimension, periodic), np.random.default_rng(5)
+    a, b = draw.uniform(0, 1, (dimension, 5000)), draw.uniform(0, 1, (dimension, 4000))
+    b[-1] *= 0.3  # nobody of it in the rest of the box
+    a, b = jnp.asarray(a), jnp.asarray(b)
+    search = neighbor_list(domain, 0.05, capacity_multiplier=2.0)
+    neighbors = search.allocate(a, b, near_only=True)
+    raise_if_wrong(neighbors)
+    back = neighbors.transpose
+    assert 1024 < int(neighbors.needed_members) < neighbors.capacity.members - 1024
+    surely, at_most = tree_pairs(domain, a, b, 0.05, same=False)
+    for part, other, flip in ((neighbors, back, False), (back, neighbors, True)):
+        members, others = np.asarray(part.members), np.asarray(other.members)
+        found = {(int(members[i]), int(others[j])) for i, j in pairs_of(part)}
+        found = {(j, i) for i, j in found} if flip else found
+        assert surely <= found <= at_most
+        n_near = int(part.needed_members)
+        assert (np.asarray(part.count)[n_near:] == 0).all()
+        # Their places are those of the members, and one beyond all rows for the others.
+        place = np.asarray(part.place)
+        np.testing.assert_array_equal(place[members[:n_near]], np.arange(n_near))
+        assert (np.delete(place, members[:n_near]) == len(members)).all()
+
+
 def test_empty_slots_hold_indices_that_exist():
     domain = Domain((0, 0), (1, 1))
     positions = jnp.asarray(clusters(2))

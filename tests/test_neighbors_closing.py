@@ -38,9 +38,9 @@ def test_no_pair_is_missed_as_long_as_none_came_closer_than_the_skin(dimension, 
         neighbors = search.allocate(*map(jnp.asarray, parts))
         all_ways = [ways(part, kind, seed) for part in parts]
         found = closing(neighbors, *map(jnp.asarray, all_ways))
-        # No further than the margin of the domain, beyond which the oracle does not look.
+        # Less than half a period, beyond which another image is nearer.
         longest = max(float(np.abs(way).max()) for way in all_ways)
-        worst = max(float(found.near.max()) / SKIN, float(found.far) / far_enough(neighbors), longest / 0.2)
+        worst = max(float(found.near.max()) / SKIN, float(found.far) / far_enough(neighbors), longest / 0.45)
         after = [jnp.asarray(part + 0.999 * way / worst) for part, way in zip(parts, all_ways, strict=True)]
         wide = Domain((-1,) * dimension, (2,) * dimension) if not any(periodic) else domain
         meet = set(all_pairs(wide, after[0], after[-1], CUTOFF, same=sets == "one"))

@@ -10,13 +10,14 @@ from jaxsph.pytree import pytree_dataclass
 class KelvinVoigt:
     """Stresses follow the deformation a little ahead of time, P(F + tau dF/dt): the solid of Kelvin and Voigt.
 
-    A vibration of angular frequency w loses the share w tau / 2 of critical damping, so one that lasts long is hardly
-    damped, and one as fast as the spacing allows is gone after a few periods. Beside a fluid that is what a thin plate
-    needs: the fluid meets it once in a time step of its own, and feeds vibrations that are faster than that until the
-    plate breaks. A tau of a tenth of the spacing over the p-wave speed holds them down; sums over pairs are not added.
+    A vibration of angular frequency w is damped by the share w tau / 2 of critical damping: one that lasts long hardly
+    at all, while one as fast as the spacing allows is gone after a few periods. Beside a fluid a thin plate needs that:
+    the fluid meets it once in a time step of its own, and feeds vibrations that are faster than that until the plate
+    breaks. A tau of a tenth of the spacing over the p-wave speed holds them down. No sums over pairs are added.
 
     To first order in tau the stress is that of the rate of strain in the material's own axes, so a body that turns as
-    a whole feels nothing but a part (w tau)^2 of its moduli.
+    a whole feels nothing but a part (w tau)^2 of its moduli. Smooth, like the law of the material. All structures of a
+    scene have the same tau.
 
     Attributes:
         relaxation_time: tau [s], not negative. The stable time step gets shorter, from t to sqrt(t^2 + tau^2) - tau.

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int
 
 from jaxsph.neighbors import jax_md
-from jaxsph.neighbors.cells import Box, CellGrid, cell_order, sums_up_to
+from jaxsph.neighbors.cells import Box, CellGrid, cell_order, cumulative_sum
 from jaxsph.neighbors.domain import Domain
 from jaxsph.neighbors.lists import NeighborList, raise_if_wrong, require_senders
 from jaxsph.neighbors.search import Capacity, find_neighbors, index_cells
@@ -281,10 +281,10 @@ def _rebuilt_near(grid, neighbors, positions, senders):
 
 
 def _chosen(grid, part, positions, others):
-    """The list with its members chosen, their positions, NaN in rows that are left over, and how many they are."""
+    """The list with its members chosen, their positions (NaN in rows that are left over), and how many they are."""
     n, rows = positions.shape[1], part.capacity.members
     near = grid.any_near(positions, others)
-    standing = sums_up_to(near.astype(jnp.int32))
+    standing = cumulative_sum(near.astype(jnp.int32))
     place = jnp.where(near, jnp.minimum(standing - 1, rows), rows)
     members = jnp.full(rows, n, jnp.int32).at[place].set(jnp.arange(n, dtype=jnp.int32), mode="drop")
     n_near = standing[-1]

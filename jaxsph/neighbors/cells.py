@@ -127,7 +127,7 @@ class CellGrid:
         """First particle of each cell among particles sorted by cell, and the number of particles at the end."""
         counts = jnp.zeros(self.number_of_cells + 2, jnp.int32)
         counts = counts.at[sorted_numbers + 1].add(1, mode="promise_in_bounds", indices_are_sorted=True)
-        return sums_up_to(counts[:-1])
+        return cumulative_sum(counts[:-1])
 
     def any_near(self, positions: Float[Array, "d n"], others: Float[Array, "d m"]) -> Bool[Array, " n"]:
         """Whether there are others in the cells around each particle: no neighbor has a particle for which not."""
@@ -135,7 +135,7 @@ class CellGrid:
         order = (*self.across, self.along)
         near = taken[:-1].reshape([self.cells[axis] for axis in order])
         for place, axis in enumerate(order):
-            near = _spread(near, place, self.spans[axis], periodic=self.domain.periodic[axis])
+            near = _dilated(near, place, self.spans[axis], periodic=self.domain.periodic[axis])
         return near.reshape(-1).at[self.number(self.coordinates(positions))].get(mode="promise_in_bounds")
 
     def ranges(self, coordinates: Int[Array, "d n"], starts: Int[Array, " cells_and_one"]):
@@ -188,12 +188,12 @@ class CellGrid:
         return self._row(across), exists
 
 
-def sums_up_to(counts: Int[Array, " n"]) -> Int[Array, " n"]:
-    """The sum of each count and all before it: what `jnp.cumsum` gives, in half the time or less on CPUs."""
+def cumulative_sum(counts: Int[Array, " n"]) -> Int[Array, " n"]:
+    """What `jnp.cumsum` gives, which on CPUs takes two to three times as long."""
     return jax.lax.associative_scan(jnp.add, counts)
 
 
-def _spread(flags, axis, span, *, periodic):
+def _dilated(flags, axis, span, *, periodic):
     """Flags that are set where one is set within so many cells along an axis."""
     n = flags.shape[axis]
     if periodic:

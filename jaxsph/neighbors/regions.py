@@ -40,9 +40,8 @@ def closing(neighbors: NeighborList, ways: Float[Array, "d n"], sender_ways: Any
     counts = _regions(neighbors)
     d = len(counts)
     largest = jnp.full((2 * d, *counts), -jnp.inf, ways.dtype)
-    sets = (
-        [(neighbors, ways)] if neighbors.transpose is None else [(neighbors, ways), (neighbors.transpose, sender_ways)]
-    )
+    sets = [(neighbors, ways)]
+    sets += [] if neighbors.transpose is None else [(neighbors.transpose, sender_ways)]
     for part, part_ways in sets:
         both = jnp.concatenate([part_ways, -part_ways])
         largest = largest.at[:, *_region_of(neighbors, part.reference)].max(both)

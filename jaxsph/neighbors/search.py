@@ -20,6 +20,7 @@ from jaxsph.neighbors.cells import CellGrid, cell_order
 
 WORD = 32
 TILE_BYTES = 4 * 2**20  # temporary arrays of one tile; about the second-level cache of current CPUs
+SMALLEST_TILE = 1024  # receivers
 _CONSECUTIVE = GatherDimensionNumbers(offset_dims=(2,), collapsed_slice_dims=(), start_index_map=(0,))
 
 
@@ -73,8 +74,8 @@ def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, 
     """
     n, slots = receivers.shape[1], capacity.slots
     padded = jnp.pad(senders, ((0, 0), (0, WORD)), constant_values=jnp.inf)
-    smallest = 1024
-    tile = min(n, max(TILE_BYTES // (8 * max(slots, 1)), smallest) if n_used is None else smallest)
+    # Of receivers of which many may not be there, small tiles: whole ones are left out.
+    tile = min(n, SMALLEST_TILE if n_used is not None else max(TILE_BYTES // (8 * max(slots, 1)), SMALLEST_TILE))
     n_tiles = -(-n // tile) if n_used is None else (jnp.minimum(n_used, n) + (tile - 1)) // tile
 
     def process(number, found):

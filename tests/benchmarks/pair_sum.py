@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
+from unittest import mock
 
 import jax
 import jax.numpy as jnp
@@ -19,6 +20,7 @@ import numpy as np
 from measure import compiled, interleaved, row
 
 import jaxsph
+from jaxsph import slots
 from jaxsph.neighbors import Domain, neighbor_list
 from jaxsph.pair_sum import dot
 
@@ -30,6 +32,7 @@ KERNEL = jaxsph.WendlandC2()
 SYMMETRY = {"acceleration": -1, "density_rate": 1}  # of the physics when a and b change places
 BOTH_MODES = "jvp by the rule of both modes"
 UNSTATED = "gradient, symmetry not stated"
+AT_ONCE = "forward, not in tiles"
 
 
 @dataclass(frozen=True)
@@ -165,6 +168,10 @@ def calls(case: Fluid) -> dict[tuple[str, str], tuple[Any, float]]:
         ("jaxsph", UNSTATED): unstated["gradient"],
     }
     calls = {name: compiled(function, *arguments) for name, (function, arguments) in found.items()}
+    if case.n_particles > slots.TILE:
+        whole, arguments = derivatives(partial(ours, case, symmetry=SYMMETRY), *arguments)["forward"]
+        with mock.patch.object(slots, "TILE", case.n_particles):
+            calls["jaxsph", AT_ONCE] = compiled(whole, *arguments)
     agree(calls)
     return calls
 
