@@ -39,8 +39,9 @@ def test_rows_for_those_near_the_other_set_alone(periodic):
     search = neighbor_list(domain, 0.05, capacity_multiplier=2.0)
     neighbors = search.allocate(a, b, near_only=True)
     raise_if_wrong(neighbors)
-    back = neighbors.transpose
-    assert 1024 < int(neighbors.needed_members) < neighbors.capacity.members - 1024
+    back, rows = neighbors.transpose, neighbors.capacity.members
+    assert back is not None and rows is not None
+    assert 1024 < int(neighbors.needed_members) < rows - 1024
     surely, at_most = tree_pairs(domain, a, b, 0.05, same=False)
     for part, other, flip in ((neighbors, back, False), (back, neighbors, True)):
         members, others = np.asarray(part.members), np.asarray(other.members)
