@@ -11,7 +11,7 @@ from fluids import SMOOTHING, AllPairs, assert_equal, column, periodic, stirred,
 import jaxsph as sph
 from jaxsph.dynamics import place_boundaries, positions_of, prepare
 from jaxsph.flow import filtered, pressure_rates
-from jaxsph.geometry import box, jitter, tank
+from jaxsph.geometry import ball, box, jitter, tank
 from jaxsph.pytree import replace
 from jaxsph.state import to_columns, to_rows
 from jaxsph.surroundings import rebuild
@@ -315,6 +315,40 @@ def test_repulsion_of_walls_is_between_fluid_and_walls_only_and_ends_at_one_spac
     force = -np.sum((mass / rho[:, None] * 0.05**2 * pressure)[..., None] * across.gradient, axis=1)
     # the difference of two accelerations of 1e2 m/s^2
     np.testing.assert_allclose(mass * np.asarray(accelerations[1] - accelerations[0]), force, atol=1e-12 * mass * 1e4)
+
+
+def beside_a_ball(*effects):
+    """Water of which some lies closer to a rigid ball than a spacing."""
+    spacing = 0.05
+    body = sph.RigidBody("ball", ball((0.41, 0.15), 0.12, spacing), density=500.0)
+    water = sph.Fluid("water", jitter(box((0, 0), (0.3, 0.3), spacing), 0.1, 2), 1000.0, 20.0)
+    return sph.Scene(water, body, effects=effects, domain=sph.Domain((-1, -1), (2, 2)))
+
+
+def test_solids_repel_if_they_are_asked_to_and_get_what_they_give():
+    """The reaction to round-off, and the derivative by where the water is in both modes."""
+    walls, solids = beside_a_ball(sph.WallRepulsion()), beside_a_ball(sph.WallRepulsion(0.5, solids=True))
+    state, found = stirred(solids), sph.topologies(solids)
+    unasked, asked = (sums(scene, found, state.systems) for scene in (walls, solids))
+    mass = np.asarray(solids["ball"].density * solids["ball"].particles.volumes)
+    on_ball, before = (mass @ np.asarray(out["ball"]["surface_acceleration"]) for out in (asked, unasked))
+    on_water = float(solids["water"].mass()) * np.sum(np.asarray(asked["water"]["acceleration"]), axis=0)
+    assert on_ball[0] > before[0] + 1.0, "it is pushed away from the water on its left"
+    # Some 1e3 pair forces of up to 1e3 N and both signs, each rounded to 1e-16 of itself.
+    np.testing.assert_allclose(on_water, -on_ball, rtol=0, atol=1e-10)
+
+    def thrust(shift, forward_mode=False):
+        water = {**state.systems["water"], "position": state.systems["water"]["position"] + shift}
+        out = sums(solids, found, {**state.systems, "water": water}, forward_mode=forward_mode)
+        return jnp.dot(mass, out["ball"]["surface_acceleration"][:, 0])
+
+    direction = np.random.default_rng(1).uniform(-1, 1, state.systems["water"]["position"].shape)
+    at_rest = np.zeros_like(direction)
+    slope = jnp.vdot(jax.grad(thrust)(at_rest), direction)
+    tangent = jax.jvp(lambda x: thrust(x, True), (at_rest,), (direction,))[1]
+    step = 1e-7  # m, of a force that varies over 1e-2 m: 1e-10 of truncation, 1e-8 of rounding
+    difference = (thrust(step * direction) - thrust(-step * direction)) / (2 * step)
+    np.testing.assert_allclose([slope, tangent], difference, rtol=1e-6)
 
 
 @pytest.mark.slow

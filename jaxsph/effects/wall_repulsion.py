@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import jax.numpy as jnp
 
 from jaxsph.checks import check_at_least
 from jaxsph.effects.flow_effect import FlowEffect
-from jaxsph.pytree import pytree_dataclass
+from jaxsph.pytree import pytree_dataclass, static
 
 
 @pytree_dataclass
@@ -20,20 +20,28 @@ class WallRepulsion(FlowEffect):
     The continuity equation keeps the volume of a sheet that is drawn out: thinner than a spacing, its one layer of
     particles, at hardly any pressure, has its middle in the wall. No pressure of the wall answers that; a distance
     does. Zero, with its derivative, from one spacing on, so that particles in layers, and still water, do not feel it;
-    a central force, so that it does no work around a closed way. For walls of the fluid's spacing; structures are left
-    alone. Its second derivative jumps at one spacing.
+    a central force, so that it does no work around a closed way. For walls of the fluid's spacing. Its second
+    derivative jumps at one spacing.
 
     Attributes:
         strength: the speed at which a particle alone is stopped grows with its square root. The integral of the force
             from one spacing on, for 1 and h = 2 spacings of Wendland C2 in 2D: .06 c on half of the way to a wall's
             particle straight ahead, .1 c on all of it.
+        solids: whether structures and rigid bodies push too, and are pushed. For bodies of the fluid's spacing whose
+            outermost particles lie half of it below their surface, as `ball` puts them. At a plate whose particles lie
+            on its surface the fluid rests closer than a spacing, and would be lifted off.
     """
 
     strength: Any = 1.0
-    partners: ClassVar[frozenset[str]] = frozenset({"wall"})
+    solids: bool = static(default=False)
 
     def __post_init__(self):
         check_at_least("WallRepulsion.strength", self.strength, 0.0, "no unit")
+
+    @property
+    def partners(self) -> frozenset[str]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        """Walls, and solids if they are asked for."""
+        return frozenset({"wall", "solid"}) if self.solids else frozenset({"wall"})
 
     def force(self, a, b, pair):
         """[N]."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsph.effects import ArtificialViscosity, Contact, DeltaDiffusion, PenaltyForce
+from jaxsph.effects import ArtificialViscosity, Contact, DeltaDiffusion, PenaltyForce, WallRepulsion
 from jaxsph.fluid import Fluid
 from jaxsph.geometry import ball, box, tank
 from jaxsph.materials import NeoHookean, StVenantKirchhoff
@@ -22,6 +22,8 @@ from jaxsph.walls import AdamiExtrapolation, BernoulliExtrapolation, Wall
 PENALTY = 0.1
 SPHERES = {2: (((0.5, 1.6), 0.3, 500.0, 7e4), ((1.5, 1.6), 0.2, 1100.0, 1e5)), 3: (((0.5, 0.5, 1.6), 0.3, 500.0, 7e4),)}
 """Centers [m], radii [m], densities [kg/m^3] and Young's moduli [Pa] of the spheres that fall in 2D and in 3D."""
+IN_WATER = (DeltaDiffusion(0.1), ArtificialViscosity(0.02), Contact(), WallRepulsion(1.0, solids=True))
+"""Effects of bodies that fall into water."""
 
 
 def falling_spheres(
@@ -55,7 +57,8 @@ def falling_spheres(
         density, sound_speed, viscosity: of the water; a sound speed of None is ten times the larger of sqrt(g depth)
             and the speed of the fastest sphere at the surface.
         smoothing: smoothing length in spacings.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.1)`, `Contact()`.
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.1)`, `Contact()` and,
+            since single particles of spray sink into spheres and walls without it, `WallRepulsion(1.0, solids=True)`.
         law: elastic law; None takes `NeoHookean()`.
         dtype: float32 or float64; None takes jax's default.
     """
@@ -73,7 +76,7 @@ def falling_spheres(
 
     given = SPHERES[dimension] if spheres is None else spheres
     solids = [body(f"sphere_{number}", *sphere) for number, sphere in enumerate(given, 1)]
-    common = [DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(PENALTY), Contact()]
+    common = [*IN_WATER, PenaltyForce(PENALTY)]
     water = {"density": density, "sound_speed": sound_speed, "viscosity": viscosity}
     effects = common if effects is None else effects
     return _into_water(solids, spacing, depth, inside, dimension, effects, smoothing, dtype, water)
@@ -98,7 +101,7 @@ def falling_rigid_spheres(
     Args:
         spheres: center (d,), radius and density of each; None takes those of `SPHERES`.
         spacing, dimension, depth, inside, density, sound_speed, viscosity, smoothing, dtype: as `falling_spheres`.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `Contact()`.
+        effects: None takes those of `falling_spheres` but the penalty force.
     """
     given = [sphere[:3] for sphere in SPHERES[dimension]] if spheres is None else spheres
     solids = [
@@ -110,7 +113,7 @@ def falling_rigid_spheres(
         )
         for number, (center, radius, rho) in enumerate(given, 1)
     ]
-    common = [DeltaDiffusion(0.1), ArtificialViscosity(0.02), Contact()]
+    common = IN_WATER
     water = {"density": density, "sound_speed": sound_speed, "viscosity": viscosity}
     effects = common if effects is None else effects
     return _into_water(solids, spacing, depth, inside, dimension, effects, smoothing, dtype, water)

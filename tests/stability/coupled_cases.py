@@ -57,12 +57,12 @@ def channel(quick: bool) -> Iterator[list[Row]]:
 
 
 def stiff(quick: bool) -> Iterator[list[Row]]:
-    """A stiff plate under two meters of water for half a second, damped as the scene comes, and undamped."""
+    """A stiff plate under two meters of water for half a second, with friction as the scene comes, and without."""
 
     def speed(state):
         return jnp.sqrt(jnp.mean(jnp.sum(state.systems["plate"]["velocity"] ** 2, axis=1)))
 
-    for name, effects in (("", None),) if quick else (("", None), (", undamped", USUAL)):
+    for name, effects in (("", None),) if quick else (("", None), (", without friction", USUAL)):
         scene = jaxsph.scenes.water_column_on_plate(3, effects=effects, dtype=HALF)
         watched = watch(scene, 0.5, 200, {"speed": speed})
         where, speeds = (f"3 across{name}", precision(HALF)), watched.seen["speed"]

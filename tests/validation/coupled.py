@@ -15,7 +15,7 @@ PEAKS, ONSETS = (0.0410, 0.0491), (0.148, 0.162)  # m, s: lowest and highest of 
 
 
 def column_on_plate(quick: bool) -> Iterator[list[Row]]:
-    """Mean deflection of the middle over the second half of .5 s, about which the damped plate still swings."""
+    """Mean deflection of the middle over the second half of .5 s, about which the plate still swings."""
     errors = {}
     runs = ((5, np.float32, 0.10), (5, np.float64, 0.10), (7, np.float32, None), (11, np.float32, 0.05))
     for n, dtype, limit in runs:

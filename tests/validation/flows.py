@@ -83,8 +83,8 @@ def start_up(flow: str, quick: bool) -> Iterator[list[Row]]:
 def cavity(reynolds: int, quick: bool) -> Iterator[list[Row]]:
     """Root mean square of the difference from the finite-element velocities on both center lines, the time's mean.
 
-    The steady flow does not depend on where it came from: 50 x 50 starts at rest, the others from its velocities, and
-    the last row says how far they still were from steady.
+    The steady flow does not depend on where it came from: the coarsest starts at rest, every other from the velocities
+    of the one before, and the last row says how far it still was from steady.
     """
     lines = [line for line in table("fluid/cavity_fem_centrelines.csv") if line["Re"] == str(reynolds)]
     place = np.array([float(line["coord"]) for line in lines])
@@ -93,7 +93,7 @@ def cavity(reynolds: int, quick: bool) -> Iterator[list[Row]]:
     n, half = len(u), np.full(inside.sum(), 0.5)
     points = np.concatenate([np.stack([half, place[inside]], 1), np.stack([place[inside], half], 1)])
     limits = {(100, 50): 0.01, (100, 100): 0.006, (1000, 100): 0.03}
-    long, short = {100: (15, 5), 1000: (40, 10)}[reynolds]
+    ladder = {100: ((50, 15), (100, 5)), 1000: ((25, 40), (50, 15), (100, 8))}[reynolds]  # particles, L / U
 
     def means(particles, dtype, duration, start=None):
         """Mean velocities on the center lines over every unit of time, and the last scene and state."""
@@ -122,12 +122,14 @@ def cavity(reynolds: int, quick: bool) -> Iterator[list[Row]]:
         ]
 
     if quick:
-        yield rows(means(25, np.float32, long)[0], 25, np.float32)
+        yield rows(means(25, np.float32, ladder[0][1])[0], 25, np.float32)
         return
-    out, coarse = means(50, np.float32, long)
-    yield rows(out, 50, np.float32)
-    yield rows(means(100, np.float32, short, coarse)[0], 100, np.float32)
-    yield rows(means(50, np.float64, short, coarse)[0], 50, np.float64)
+    start = None
+    for particles, duration in ladder:
+        out, start = means(particles, np.float32, duration, start)
+        yield rows(out, particles, np.float32)
+        if particles == 50:
+            yield rows(means(50, np.float64, 5, start)[0], 50, np.float64)
 
 
 CASES = [
