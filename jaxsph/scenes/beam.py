@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxsph.effects import PenaltyForce
-from jaxsph.geometry import Particles, box
+from jaxsph.geometry import Particles
 from jaxsph.pytree import replace
 from jaxsph.scene import Scene
+from jaxsph.scenes.clamping import clamped_strip
 from jaxsph.structure import Structure
 
-ROOT_COLUMNS = 3  # clamped columns behind the face: as many as a support radius reaches, and one
 CYLINDER_RADIUS = 0.05  # m, of Turek and Hron: their beam grows out of it
 
 
@@ -42,23 +42,21 @@ def cantilever(
         name: of the structure.
         dtype: float32 or float64; None takes jax's default.
 
-    The particles behind the face (x < 0) are clamped too, so that those at the face see a body on both sides.
-    The clamped particles at the face belong to the beam with half their volume.
+    The outermost clamped column lies half a spacing in front of the face, see `scenes.clamping`; three more behind it
+    are clamped too, so that it sees a body on both sides.
 
     Raises ValueError for fewer than 3 particles across, or a length that is not a multiple of the spacing.
     """
     if particles < 3:
         raise ValueError(f"particles = {particles} across the thickness; a bending beam needs at least 3")
-    spacing = thickness / (particles - 1)
-    root = ROOT_COLUMNS * spacing
-    body = box((-root, -thickness / 2), (length + root, thickness), spacing, on_surface=True, dtype=dtype)
+    body = clamped_strip(length, thickness, particles, dtype=dtype)
     structure = Structure(
         name,
         body,
         density=density,
         youngs_modulus=youngs_modulus,
         poisson_ratio=poisson_ratio,
-        clamped=lambda x: x[:, 0] < 0.01 * spacing,
+        clamped=lambda x: x[:, 0] < body.spacing,
     )
     listed = [*effects, PenaltyForce(penalty)] if penalty else list(effects)
     return Scene(structure, gravity=np.asarray(gravity, float), effects=listed)
@@ -97,7 +95,7 @@ def turek_hron_beam(
 
 
 def _round_root(particles: Particles, reach: float, radius: float) -> Particles:
-    """Move the columns of a flat-faced beam so that those at the face lie on a circle around (-radius, 0).
+    """Move the columns of a flat-faced beam so that the face lies on a circle around (-radius, 0).
 
     The columns behind the face go with it; those in front less and less, up to a distance `reach` [m].
     """

@@ -79,7 +79,7 @@ def elastic_gate(
         density=gate_density,
         youngs_modulus=youngs_modulus,
         poisson_ratio=poisson_ratio,
-        clamped=lambda x: x[:, 1] > length - 0.01 * thickness / across,
+        clamped=lambda x: x[:, 1] > length - body.spacing,
         law=StVenantKirchhoff() if law is None else law,
         pressure=AdamiExtrapolation(clip=True),
         thickness=thickness,

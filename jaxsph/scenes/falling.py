@@ -10,11 +10,12 @@ import numpy as np
 
 from jaxsph.effects import ArtificialViscosity, Contact, DeltaDiffusion, PenaltyForce, WallRepulsion
 from jaxsph.fluid import Fluid
-from jaxsph.geometry import ball, box, tank
+from jaxsph.geometry import Particles, ball, box, tank
 from jaxsph.materials import NeoHookean, StVenantKirchhoff
 from jaxsph.neighbors import Domain
 from jaxsph.rigid_body import RigidBody
 from jaxsph.scene import Scene
+from jaxsph.scenes.clamping import clamped_strip
 from jaxsph.scenes.tank_flow import GRAVITY, LAYERS
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, BernoulliExtrapolation, Wall
@@ -185,15 +186,16 @@ def falling_column_on_beam(
     """
     spacing, fine = width / particles, thickness / (across - 1)
     root = LAYERS * spacing
-    columns = math.ceil(root / fine) * fine
-    body = box((-columns, -thickness), (columns + length, thickness), fine, on_surface=True, dtype=dtype)
+    strip = clamped_strip(length, thickness, across, math.ceil(root / fine), dtype)
+    below = strip.positions - np.array([0.0, 0.5 * thickness])  # its upper side at y = 0
+    body = Particles(below.astype(strip.positions.dtype), strip.volumes, fine)
     beam = Structure(
         "beam",
         body,
         density=beam_density,
         youngs_modulus=youngs_modulus,
         poisson_ratio=poisson_ratio,
-        clamped=lambda x: x[:, 0] < 0.01 * fine,
+        clamped=lambda x: x[:, 0] < fine,
         law=StVenantKirchhoff() if law is None else law,
         pressure=AdamiExtrapolation(clip=True),
         thickness=thickness,

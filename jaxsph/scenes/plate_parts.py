@@ -7,28 +7,22 @@ from typing import Any
 import numpy as np
 
 from jaxsph.effects import ArtificialViscosity, DeltaDiffusion, KelvinVoigt, PenaltyForce
-from jaxsph.geometry import Particles, box
+from jaxsph.geometry import Particles
 from jaxsph.materials import lame_parameters
 from jaxsph.neighbors import Domain
 from jaxsph.scene import Scene
+from jaxsph.scenes.clamping import clamped_strip
 from jaxsph.scenes.tank_flow import GRAVITY
 
 PENALTY = 0.05
 
 
 def rooted_plate(place: float, thickness: float, length: float, across: int, dtype=None) -> tuple[Particles, Any]:
-    """An upright plate on the floor y = 0, from x = place, and which of its particles are its root in the floor.
-
-    The face y = 0 is held, and behind it as many rows as a structure's neighbors reach.
-    """
-    spacing = thickness / (across - 1)
-    rows = round(length / spacing)
-    step, deep = length / rows, 3
-    body = box((place, -deep * spacing), (thickness, (rows + deep) * spacing), spacing, on_surface=True, dtype=dtype)
-    stretch = np.array([1.0, step / spacing])  # the length need not be a multiple of the spacing
-    positions, volumes = body.positions * stretch, body.volumes * stretch[1]
-    body = Particles(positions.astype(body.positions.dtype), volumes.astype(body.volumes.dtype), spacing)
-    return body, lambda x: x[:, 1] < 0.01 * step
+    """An upright plate on the floor y = 0, from x = place, and which of its particles are its root in the floor."""
+    strip = clamped_strip(length, thickness, across, dtype=dtype)
+    along, over = strip.positions.T
+    positions = np.stack([place + 0.5 * thickness + over, along], axis=1).astype(strip.positions.dtype)
+    return Particles(positions, strip.volumes, strip.spacing), lambda x: x[:, 1] < strip.spacing
 
 
 def without(walls: Particles, body: Particles) -> Particles:

@@ -132,11 +132,17 @@ def water_column_on_plate(
     deep = layers * spacing
     plate = Structure(
         "plate",
-        box((-deep, -thickness), (width + 2 * deep, thickness), spacing, on_surface=True, dtype=dtype),
+        box(
+            (0.5 * spacing - deep, -thickness),  # see scenes.clamping
+            (width - spacing + 2 * deep, thickness),
+            spacing,
+            on_surface=True,
+            dtype=dtype,
+        ),
         density=plate_density,
         youngs_modulus=youngs_modulus,
         poisson_ratio=poisson_ratio,
-        clamped=lambda x: (x[:, 0] < 0.01 * spacing) | (x[:, 0] > width - 0.01 * spacing),
+        clamped=lambda x: (x[:, 0] < spacing) | (x[:, 0] > width - spacing),
         thickness=thickness,
     )
     walls = Wall("tank", sides, no_slip=False)
