@@ -49,6 +49,13 @@ def cantilever(
     """
     if particles < 3:
         raise ValueError(f"particles = {particles} across the thickness; a bending beam needs at least 3")
+    spacing = thickness / (particles - 1)
+    columns = round(length / spacing)
+    if columns < 1 or abs(columns * spacing / length - 1) > 0.01:
+        raise ValueError(
+            f"length = {length} m is not a multiple of the spacing {spacing:.6g} m; the nearest that fits is "
+            f"{max(columns, 1) * spacing:.6g} m"
+        )
     body = clamped_strip(length, thickness, particles, dtype=dtype)
     structure = Structure(
         name,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from jaxsph.geometry import Particles, box
 
 BEHIND = 3  # clamped columns behind the outermost: as many as a support radius reaches, and one
@@ -18,16 +20,13 @@ def clamped_strip(length: float, thickness: float, across: int, behind: int = BE
     Clamped are the particles with x < spacing.
 
     Args:
-        length, thickness: [m]; the length a multiple of the spacing to within 1 %.
+        length, thickness: [m]. The lattice is stretched along x by up to half a spacing in all.
         across: particles over the thickness, the outermost on the surfaces; the spacing is thickness / (across - 1).
         behind: number of columns behind the outermost clamped one.
         dtype: float32 or float64; None takes jax's default.
-
-    Raises ValueError for a length that is not a multiple of the spacing.
     """
     spacing = thickness / (across - 1)
-    whole = box((0, -thickness / 2), (length, thickness), spacing, on_surface=True)  # refuses what does not fit
-    columns = len(whole) // across - 1
+    columns = math.floor(length / spacing * (1 + 1e-9))
     step = length / (columns + 0.5)
     lattice = box((0, -thickness / 2), ((columns + behind) * spacing, thickness), spacing, on_surface=True, dtype=dtype)
     positions, volumes = lattice.positions.copy(), lattice.volumes * (step / spacing)
