@@ -19,7 +19,6 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import eigs
 
 import jaxsph as sph
-from jaxsph.scenes.clamping import clamped_strip
 from jaxsph.structure import displacement_gradient, elastic_acceleration, reference, topology
 
 # J. P. Gray, J. J. Monaghan, R. P. Swift (2001), Comput. Methods Appl. Mech. Eng. 190, 6641.
@@ -44,7 +43,7 @@ def plate(arrangement, across, smoothing_length):
         dx = THICKNESS / across
         body = sph.box((-ROOT * dx, -THICKNESS / 2), (LENGTH + ROOT * dx, THICKNESS), dx, dtype=np.float64)
     else:
-        body = clamped_strip(LENGTH, THICKNESS, across, ROOT, dtype=np.float64)
+        body = sph.clamped_strip(LENGTH, THICKNESS, across, ROOT, dtype=np.float64)
         dx = body.spacing
     if arrangement == "on the surface, full volumes":
         body = sph.Particles(body.positions, np.full(len(body), np.max(body.volumes)), dx)

@@ -33,7 +33,7 @@ from jaxsph.errors import (  # noqa: E402
     UnstableTimeStep,
 )
 from jaxsph.fluid import Fluid  # noqa: E402
-from jaxsph.geometry import Particles, ball, box, jitter  # noqa: E402
+from jaxsph.geometry import Particles, ball, box, clamped_strip, jitter  # noqa: E402
 from jaxsph.integrate import Diffrax, KickDriftKick  # noqa: E402
 from jaxsph.kernels import (  # noqa: E402
     CubicSpline,
@@ -136,6 +136,7 @@ __all__ = [
     "ball",
     "box",
     "check_jax_version",
+    "clamped_strip",
     "initial_state",
     "jitter",
     "observe",

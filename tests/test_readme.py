@@ -36,7 +36,7 @@ def test_example_runs(tmp_path):
     code = smaller(
         code,
         {
-            "dx = 0.02 / 4": "dx = 0.02 / 2",
+            "across=5": "across=3",
             "window=(0.01, 0.9)": "window=(0.01, 0.2)",
             '"examples/data/csm3_tip.csv"': repr(str(ROOT / "examples/data/csm3_tip.csv")),
             '"fit.png"': repr(str(tmp_path / "fit.png")),

@@ -258,3 +258,30 @@ def test_what_does_not_fit_is_refused(changes, said):
 def test_neighborhoods_that_do_not_work_are_refused(particles, changes, said):
     with pytest.raises(ValueError, match=said):
         topology(sph.Structure("plate", particles, **{**ABOUT, **changes}))
+
+
+def deflection(body, limit):
+    """Tip of a beam of 1 m x .1 m under gravity, Poisson ratio 0, over Timoshenko's; clamped where x < limit."""
+    beam = sph.Structure("beam", body, 1000.0, 1e7, 0.0, clamped=lambda x: x[:, 0] < limit)
+    ready = prepared(beam, topology(beam), penalty=True)
+    n = ready.positions.shape[1]
+    force = lambda u: acceleration(beam, ready, u.reshape(2, n), sph.PenaltyForce(0.05)).ravel()  # noqa: E731
+    free = np.tile(np.asarray(ready.moving) > 0, 2)
+    stiffness = np.asarray(jax.jit(jax.jacfwd(force))(jnp.zeros(2 * n)))[np.ix_(free, free)]
+    u = np.zeros(2 * n)
+    u[free] = np.linalg.solve(stiffness, np.repeat([0.0, 9.81], n)[free])
+    x, y = np.asarray(ready.positions)
+    tip = u[n:][(x > 1 - 1e-6) & (np.abs(y) < 1e-6)]
+    # bending p L^4 / (8 E I) and shear p L^2 / (2 k G t), with k = 5/6 and G = E / 2
+    return float(tip[0]) / (-9810 * 0.1 * (1 / (8 * 1e7 * 0.1**3 / 12) + 1 / (2 * 5 / 6 * 5e6 * 0.1)))
+
+
+def test_a_clamped_strip_bends_as_far_as_it_should_and_with_its_column_in_the_face_too_far():
+    strip = sph.clamped_strip(1.0, 0.1, 9)
+    dx = strip.spacing
+    in_face = sph.box((-3 * dx, -0.05), (1 + 3 * dx, 0.1), dx, on_surface=True)
+    right, wrong = deflection(strip, dx), deflection(in_face, 0.01 * dx)
+    print(right, wrong)
+    # half a spacing is 2 dx / L = 2.5 % of a deflection; Timoshenko's clamp lets the section warp, order (t / L)^2
+    assert abs(right - 1) < 0.006
+    assert wrong - 1 == pytest.approx(right - 1 + 2 * dx, rel=0.2)

@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from jaxsph.effects import PenaltyForce
-from jaxsph.geometry import Particles
+from jaxsph.geometry import Particles, clamped_strip
 from jaxsph.pytree import replace
 from jaxsph.scene import Scene
-from jaxsph.scenes.clamping import clamped_strip
 from jaxsph.structure import Structure
 
 CYLINDER_RADIUS = 0.05  # m, of Turek and Hron: their beam grows out of it
@@ -42,7 +41,7 @@ def cantilever(
         name: of the structure.
         dtype: float32 or float64; None takes jax's default.
 
-    The outermost clamped column lies half a spacing in front of the face, see `scenes.clamping`; three more behind it
+    The outermost clamped column lies half a spacing in front of the face, see `clamped_strip`; three more behind it
     are clamped too, so that it sees a body on both sides.
 
     Raises ValueError for fewer than 3 particles across, or a length that is not a multiple of the spacing.

@@ -10,12 +10,11 @@ import numpy as np
 
 from jaxsph.effects import ArtificialViscosity, Contact, DeltaDiffusion, PenaltyForce, WallRepulsion
 from jaxsph.fluid import Fluid
-from jaxsph.geometry import Particles, ball, box, tank
+from jaxsph.geometry import Particles, ball, box, clamped_strip, tank
 from jaxsph.materials import NeoHookean, StVenantKirchhoff
 from jaxsph.neighbors import Domain
 from jaxsph.rigid_body import RigidBody
 from jaxsph.scene import Scene
-from jaxsph.scenes.clamping import clamped_strip
 from jaxsph.scenes.tank_flow import GRAVITY, LAYERS
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, BernoulliExtrapolation, Wall

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 
 from jaxsph.effects import ArtificialViscosity, DeltaDiffusion, KelvinVoigt, PenaltyForce
-from jaxsph.geometry import Particles
+from jaxsph.geometry import Particles, clamped_strip
 from jaxsph.materials import lame_parameters
 from jaxsph.neighbors import Domain
 from jaxsph.scene import Scene
-from jaxsph.scenes.clamping import clamped_strip
 from jaxsph.scenes.tank_flow import GRAVITY
 
 PENALTY = 0.05

@@ -133,7 +133,7 @@ def water_column_on_plate(
     plate = Structure(
         "plate",
         box(
-            (0.5 * spacing - deep, -thickness),  # see scenes.clamping
+            (0.5 * spacing - deep, -thickness),  # see clamped_strip
             (width - spacing + 2 * deep, thickness),
             spacing,
             on_surface=True,

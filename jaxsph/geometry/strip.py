@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from jaxsph.geometry import Particles, box
+from jaxsph.checks import check_positive
+from jaxsph.geometry.shapes import Particles, box
 
 BEHIND = 3  # clamped columns behind the outermost: as many as a support radius reaches, and one
 
@@ -24,9 +25,17 @@ def clamped_strip(length: float, thickness: float, across: int, behind: int = BE
         across: particles over the thickness, the outermost on the surfaces; the spacing is thickness / (across - 1).
         behind: number of columns behind the outermost clamped one.
         dtype: float32 or float64; None takes jax's default.
+
+    Raises ValueError for sizes that are not positive, fewer than 2 particles across, or a length below the spacing.
     """
+    check_positive("length", length, "m")
+    check_positive("thickness", thickness, "m")
+    if across < 2:
+        raise ValueError(f"across = {across} particles over the thickness; both surfaces have one, so at least 2")
     spacing = thickness / (across - 1)
     columns = math.floor(length / spacing * (1 + 1e-9))
+    if columns < 1:
+        raise ValueError(f"length = {length} m is shorter than the spacing {spacing:.6g} m; take more particles across")
     step = length / (columns + 0.5)
     lattice = box((0, -thickness / 2), ((columns + behind) * spacing, thickness), spacing, on_surface=True, dtype=dtype)
     positions, volumes = lattice.positions.copy(), lattice.volumes * (step / spacing)
