@@ -110,7 +110,7 @@ POINTS, VOLUMES = np.zeros((3, 2)), np.ones(3)
         (lambda: box((0, 0), (0.001, 1.0), 0.1), r"size\[0\] = 0\.001 .*nearest that fits is 0\.1"),
         (lambda: box((0, 0), (1, 1, 1), 0.1), "2 or 3 components"),
         (lambda: box((0,), (1,), 0.1), "2 or 3 components"),
-        (lambda: clamped_strip(-1.0, 0.1, 5), r"length is -1\.0.*positive"),
+        (lambda: clamped_strip(-1.0, 0.1, 5), r"length = -1\.0 must be positive"),
         (lambda: clamped_strip(1.0, 0.1, 1), "across = 1 .* at least 2"),
         (lambda: clamped_strip(0.01, 0.1, 5), r"length = 0\.01 m is shorter than the spacing 0\.025"),
         (lambda: ball((0, 0), 0.05, 0.1), r"radius 0\.05 .* at least the particle spacing 0\.1"),
