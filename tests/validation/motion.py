@@ -95,7 +95,8 @@ def between_references() -> list[Row]:
         difference = abs(getattr(second, name) / getattr(first, name) - 1)
         rows.append(Row(f"relative difference of two finite-element series, {name}", difference, None, "-", "float64"))
     values = column("solid/turek_csm3_timeseries.csv", "uy_m")
-    peaks = values[1:-1][(values[1:-1] > values[:-2]) & (values[1:-1] >= values[2:]) & (values[1:-1] > 0.5 * first.mean)]
+    before, here, after = values[:-2], values[1:-1], values[2:]
+    peaks = here[(here > before) & (here >= after) & (here > 0.5 * first.mean)]
     rise = float(peaks.max() - peaks[0]) / first.amplitude
     return [*rows, Row("rise of the reference's peaks in 10 s / amplitude", rise, None, "-", "float64")]
 
