@@ -22,8 +22,8 @@ from jaxsph.walls import AdamiExtrapolation, BernoulliExtrapolation, Wall
 PENALTY = 0.1
 SPHERES = {2: (((0.5, 1.6), 0.3, 500.0, 7e4), ((1.5, 1.6), 0.2, 1100.0, 1e5)), 3: (((0.5, 0.5, 1.6), 0.3, 500.0, 7e4),)}
 """Centers [m], radii [m], densities [kg/m^3] and Young's moduli [Pa] of the spheres that fall in 2D and in 3D."""
-IN_WATER = (DeltaDiffusion(0.1), ArtificialViscosity(0.02), Contact(), WallRepulsion(1.0, solids=True))
-"""Effects of bodies that fall into water."""
+IN_WATER = (DeltaDiffusion(0.1), ArtificialViscosity(0.02), WallRepulsion(1.0, solids=True))
+"""Effects of what falls into water, without contact."""
 
 
 def falling_spheres(
@@ -76,7 +76,7 @@ def falling_spheres(
 
     given = SPHERES[dimension] if spheres is None else spheres
     solids = [body(f"sphere_{number}", *sphere) for number, sphere in enumerate(given, 1)]
-    common = [*IN_WATER, PenaltyForce(PENALTY)]
+    common = [*IN_WATER, Contact(), PenaltyForce(PENALTY)]
     water = {"density": density, "sound_speed": sound_speed, "viscosity": viscosity}
     effects = common if effects is None else effects
     return _into_water(solids, spacing, depth, inside, dimension, effects, smoothing, dtype, water)
@@ -101,7 +101,8 @@ def falling_rigid_spheres(
     Args:
         spheres: center (d,), radius and density of each; None takes those of `SPHERES`.
         spacing, dimension, depth, inside, density, sound_speed, viscosity, smoothing, dtype: as `falling_spheres`.
-        effects: None takes those of `falling_spheres` but the penalty force.
+        effects: None takes those of `falling_spheres` without the penalty force, and `Contact(1.0)`: rigid bodies do
+            not give, and with the softer default the heavy one comes to the floor by more than half a spacing.
     """
     given = [sphere[:3] for sphere in SPHERES[dimension]] if spheres is None else spheres
     solids = [
@@ -113,7 +114,7 @@ def falling_rigid_spheres(
         )
         for number, (center, radius, rho) in enumerate(given, 1)
     ]
-    common = IN_WATER
+    common = [*IN_WATER, Contact(1.0)]
     water = {"density": density, "sound_speed": sound_speed, "viscosity": viscosity}
     effects = common if effects is None else effects
     return _into_water(solids, spacing, depth, inside, dimension, effects, smoothing, dtype, water)
