@@ -40,7 +40,10 @@ def column_on_plate(quick: bool) -> Iterator[list[Row]]:
 
 
 def dam_break_on_plate(quick: bool) -> Iterator[list[Row]]:
-    """When the tip begins to move, and how far it gets. The plate's particles stay finer than the water's."""
+    """When the tip begins to move, and how far it gets; judged at the two finest.
+
+    The plate's particles stay finer than the water's: a plate coarser than the water is pushed too hard.
+    """
     peaks = {}
     runs = ((15, 5, np.float32), (15, 5, np.float64), (30, 5, np.float32), (45, 7, np.float32), (60, 9, np.float32))
     for n, over_thickness, dtype in runs:
@@ -51,9 +54,10 @@ def dam_break_on_plate(quick: bool) -> Iterator[list[Row]]:
         peak, onset = float(tip.max()), float(run.times[int(np.argmax(tip > 0.005))])
         peaks[n, dtype] = peak
         where = (f"a / dx = {n}, {across(over_thickness)}", precision(dtype))
+        limit = 1.05 if n >= 45 else None
         yield [
-            Row("peak of the tip / the envelope's nearer end", outside(peak, PEAKS), 1.05, *where),
-            Row("onset (5 mm) / the envelope's nearer end", outside(onset, ONSETS), 1.05, *where),
+            Row("peak of the tip / the envelope's nearer end", outside(peak, PEAKS), limit, *where),
+            Row("onset (5 mm) / the envelope's nearer end", outside(onset, ONSETS), limit, *where),
             Row("peak of the tip [m]", peak, None, *where),
             Row("onset of the tip (5 mm) [s]", onset, None, *where),
         ]
