@@ -15,7 +15,7 @@ from measure import interleaved, row
 import jaxsph
 from jaxsph.effects import Damping, KelvinVoigt, PenaltyForce
 
-STEPS = 256
+STEPS = 32
 STIFF = 1e8  # Pa, beside the 3.5e6 Pa of the experiment
 
 
