@@ -44,13 +44,16 @@ def main(
     figure = plt.figure(figsize=(10, 5.4), layout="constrained")
     parts: Any = figure.subfigures(2, 1, height_ratios=[1, 1.1])
     above, below = parts
-    plot.moments(run, t_end * np.array([0.1, 0.3, 0.6, 1.0]), axes=above.subplots(1, 4, sharey=True))
+    panels = above.subplots(1, 4, sharey=True)
+    plot.moments(run, t_end * np.array([0.1, 0.3, 0.6, 1.0]), axes=panels)
+    for panel in panels:
+        panel.set(xlim=(-0.02, 0.26), ylim=(-0.02, 0.18))  # what falls off the floor is far away
     axes = below.subplots()
     for k, component in enumerate(("ux", "uy")):
         axes.plot(times, 1e3 * end[:, k], color=f"C{k}", label=f"jaxsph, {component}")
     axes.plot(when, 1e3 * where, "o", color="C0", label="measured, ux")
-    axes.set(xlabel="time [s]", ylabel="displacement of the free end [mm]", xlim=(0, t_end))
-    axes.legend(frameon=False, ncols=2)
+    axes.set(xlabel="time [s]", ylabel="displacement of the free end [mm]", xlim=(0, t_end), ylim=(0, 65))
+    axes.legend(frameon=False, ncols=3)
     Path(picture).parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture, dpi=150)
     if animation:
