@@ -30,7 +30,7 @@ def moments(
     limits: tuple | None = None,
     color_map: str | None = None,
     view: tuple[float | int, float | int] | None = None,
-    axes: Sequence | None = None,
+    axes: Sequence | np.ndarray | None = None,
 ) -> Figure:
     """Draw a system of a run, or all of them, at several times with one color scale.
 
