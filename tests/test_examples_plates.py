@@ -21,7 +21,8 @@ def displacement(run, name, at):
 
 def test_water_opens_the_gate(example):
     end = displacement(example("elastic_gate", particles=10, across=3, t_end=0.05), "gate", (0.1025, 0.0))
-    assert end[0, 0] == 0 and end[-1, 0] > 0.005, "the measured end is at 17 mm then"
+    # measured are 12.5 mm at .04 s and 34 mm at .08 s; ten particles over the width are coarse
+    assert end[0, 0] == 0 and 0.5 * 0.0179 < end[-1, 0] < 2 * 0.0179
 
 
 def test_the_dam_reaches_the_plate_no_earlier_than_it_can(example):

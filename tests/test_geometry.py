@@ -50,6 +50,20 @@ def test_box_is_stretched_to_fill_exactly():
     assert len(filled) == 11 * 11
 
 
+@pytest.mark.parametrize("length", [1.0, 0.98])
+def test_a_clamped_strip_has_its_column_half_a_spacing_in_front_of_the_face(length):
+    """And its end, surfaces and volume, whether or not the length is a multiple of the spacing of .05 m."""
+    strip = clamped_strip(length, 0.2, 5, behind=2)
+    x, y = strip.positions.T
+    columns = np.unique(np.round(x, 9))
+    step = columns[1] - columns[0]
+    assert abs(step / strip.spacing - 1) < 0.5 / 19, "half a spacing over all of them"
+    np.testing.assert_allclose(columns[:3] / step, [-1.5, -0.5, 0.5], atol=1e-6)  # columns are rounded to 1e-9
+    assert np.sum(columns < strip.spacing) == 3, "those that are to be clamped"
+    assert (x.max(), y.min(), y.max()) == pytest.approx((length, -0.1, 0.1), rel=1e-13)
+    assert strip.volumes.sum() == pytest.approx((x.max() - x.min()) * 0.2, rel=1e-13)  # a sum of a hundred numbers
+
+
 def test_last_axis_runs_fastest():
     filled = box((0, 0), (0.2, 0.2), 0.1)
     np.testing.assert_allclose(filled.positions[:2], [[0.05, 0.05], [0.05, 0.15]])

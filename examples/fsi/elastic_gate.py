@@ -52,7 +52,8 @@ def main(
     for k, component in enumerate(("ux", "uy")):
         axes.plot(times, 1e3 * end[:, k], color=f"C{k}", label=f"jaxsph, {component}")
     axes.plot(when, 1e3 * where, "o", color="C0", label="measured, ux")
-    axes.set(xlabel="time [s]", ylabel="displacement of the free end [mm]", xlim=(0, t_end), ylim=(0, 65))
+    top = 1.4e3 * max(np.max(end), np.max(where))  # room for the legend
+    axes.set(xlabel="time [s]", ylabel="displacement of the free end [mm]", xlim=(0, t_end), ylim=(0, top))
     axes.legend(frameon=False, ncols=3)
     Path(picture).parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(picture, dpi=150)

@@ -98,7 +98,8 @@ def _effect(facts, effect):
     if isinstance(effect, AcousticDamper):
         return Finding(name, "damps the sound that an impact leaves, which water has hardly any of")
     if isinstance(effect, WallRepulsion):
-        return Finding(name, "keeps sheets of fluid thinner than a spacing from sinking into walls")
+        into = "walls and solids" if effect.solids else "walls"
+        return Finding(name, f"keeps sheets of fluid thinner than a spacing from sinking into {into}")
     if isinstance(effect, PenaltyForce):
         return Finding(name, "resists displacements that alternate from particle to particle", source=finding.PENALTY)
     if isinstance(effect, Contact):

@@ -32,7 +32,7 @@ def cantilever(
     """A beam along x, clamped at the face x = 0, its middle at y = 0.
 
     Args:
-        length, thickness: [m].
+        length, thickness: [m]. The spacing along x is stretched to fit the length.
         particles: across the thickness, the outermost on the surfaces; the spacing is thickness / (particles - 1).
         density, youngs_modulus, poisson_ratio: [kg/m^3], [Pa], [1].
         gravity: [m/s^2].
@@ -44,17 +44,10 @@ def cantilever(
     The outermost clamped column lies half a spacing in front of the face, see `clamped_strip`; three more behind it
     are clamped too, so that it sees a body on both sides.
 
-    Raises ValueError for fewer than 3 particles across, or a length that is not a multiple of the spacing.
+    Raises ValueError for fewer than 3 particles across, or what `clamped_strip` refuses.
     """
     if particles < 3:
         raise ValueError(f"particles = {particles} across the thickness; a bending beam needs at least 3")
-    spacing = thickness / (particles - 1)
-    columns = round(length / spacing)
-    if columns < 1 or abs(columns * spacing / length - 1) > 0.01:
-        raise ValueError(
-            f"length = {length} m is not a multiple of the spacing {spacing:.6g} m; the nearest that fits is "
-            f"{max(columns, 1) * spacing:.6g} m"
-        )
     body = clamped_strip(length, thickness, particles, dtype=dtype)
     structure = Structure(
         name,
