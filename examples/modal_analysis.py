@@ -34,14 +34,17 @@ CASES = (  # where the particles are, and h in spacings
     ("cell centers", (1.2,)),
     ("on the surface, full volumes", (1.4142,)),
     ("on the surface, half volumes", (1.4142, 1.2, 1.0, 0.9, 0.87, 0.85, 0.8)),
+    ("the same, clamped in the face", (0.87,)),
 )
 
 
 def plate(arrangement, across, smoothing_length):
     """The plate with `across` particles over its thickness; the smoothing length is in spacings."""
-    if arrangement == "cell centers":
-        dx = THICKNESS / across
-        body = sph.box((-ROOT * dx, -THICKNESS / 2), (LENGTH + ROOT * dx, THICKNESS), dx, dtype=np.float64)
+    in_face = arrangement == "the same, clamped in the face"
+    if arrangement == "cell centers" or in_face:
+        dx = THICKNESS / (across - in_face)
+        low, size = (-ROOT * dx, -THICKNESS / 2), (LENGTH + ROOT * dx, THICKNESS)
+        body = sph.box(low, size, dx, on_surface=in_face, dtype=np.float64)
     else:
         body = sph.clamped_strip(LENGTH, THICKNESS, across, ROOT, dtype=np.float64)
         dx = body.spacing
@@ -53,7 +56,7 @@ def plate(arrangement, across, smoothing_length):
         DENSITY,
         YOUNGS_MODULUS,
         POISSON_RATIO,
-        clamped=lambda x: x[:, 0] < dx,
+        clamped=lambda x: x[:, 0] < (0.01 if in_face else 1) * dx,
         smoothing_length=smoothing_length * dx,
     )
 
@@ -147,7 +150,7 @@ def draw(rows, path):
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
     for color, across in enumerate(PARTICLES):
-        for (case, _), style in zip(CASES, ("s", "^", "o-"), strict=True):
+        for (case, _), style in zip(CASES, ("s", "^", "o-", "x"), strict=True):
             points = sorted((r["h"], r[f"error_{across}"]) for r in rows if r["case"] == case)
             axes.plot(*np.transpose(points), style, color=f"C{color}", label=f"{case}, {across} across", markersize=5)
     axes.axhline(0, color="0.6", linewidth=0.8)

@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 
 import jax
 
+import jaxsph
+
 Name = TypeVar("Name")
 VERSIONS_SHOWN = ("jax", "jax-md", "pysph", "pysplishsplash")
 
@@ -89,6 +91,21 @@ def interleaved(calls: Mapping[Name, tuple[Callable[[], Any], float]], budget: f
         name: Timing(statistics.median(w), min(w), calls[name][1], processor[name] / sum(w), tuple(w))
         for name, w in walls.items()
     }
+
+
+def steps_of(scene: jaxsph.Scene, steps: int, step: float, state: Any, topologies: dict) -> tuple[Callable, float]:
+    """A run of some steps [s] from a state on, None for the start, and the seconds of its first call: it compiles."""
+
+    def run():
+        # a hair less than the whole of them, or rounding makes one more
+        out = jaxsph.simulate(
+            scene, steps * step * (1 - 1e-6), state=state, time_step=step, topologies_of_scene=topologies
+        )
+        return jax.block_until_ready(out.final)
+
+    begin = time.perf_counter()
+    run()
+    return run, time.perf_counter() - begin
 
 
 def threads() -> int:

@@ -6,12 +6,10 @@ The same runs with lists that have a row for every particle, and with lists of t
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 
 import jax
-import numpy as np
-from measure import interleaved, row
+from measure import interleaved, row, steps_of
 
 import jaxsph
 from jaxsph import surroundings
@@ -44,16 +42,7 @@ def saving(name, scene, moment, state, precision) -> dict:
     everyone = {**found, **surroundings.allocate(scene, placed(scene, found, state), near_only=False)}
     calls, step = {}, jaxsph.stable_time_step(scene, found)
     for which, lists in (("near", found), ("all", everyone)):
-
-        def run(lists=lists):
-            out = jaxsph.simulate(
-                scene, STEPS * step * (1 - 1e-6), state=state, time_step=step, topologies_of_scene=lists
-            )
-            np.asarray(out.final.step)
-
-        begin = time.perf_counter()
-        run()
-        calls[which] = (run, time.perf_counter() - begin)
+        calls[which] = steps_of(scene, STEPS, step, state, lists)
     timings = interleaved(calls, 20.0)
     for which, timing in timings.items():
         print(timing.line(f"{name}, t = {moment:g} s, {which}"), flush=True)
