@@ -40,7 +40,7 @@ def column_on_plate(quick: bool) -> Iterator[list[Row]]:
 
 
 def dam_break_on_plate(quick: bool) -> Iterator[list[Row]]:
-    """When the tip begins to move, and how far it gets; how much of that is chance, and what a coarse plate does.
+    """When the tip begins to move, and how far it gets; how much of that is chance, or of the plate's particles.
 
     A sound speed higher by 1 % changes nothing but how the splash falls.
     """
@@ -70,7 +70,7 @@ def dam_break_on_plate(quick: bool) -> Iterator[list[Row]]:
         where = f"a / dx = {n}, {across(over_thickness)}"
         yield [Row("relative change of the peak by 1 % of the sound speed", change, None, where, "float32")]
     peak, _ = tip(jaxsph.scenes.dam_break_plate(60, 5, dtype=np.float32))
-    yield [Row("peak of the tip [m], plate coarser than the water", peak, None, f"a / dx = 60, {across(5)}", "float32")]
+    yield [Row("peak of the tip [m]", peak, None, f"a / dx = 60, {across(5)}", "float32")]
 
 
 def tip(scene: jaxsph.Scene) -> tuple[float, float]:
