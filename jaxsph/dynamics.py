@@ -407,9 +407,14 @@ def stable_substeps(scene, time_step: float, found: dict[str, Any] | None = None
     """
     if not scene.fluids:
         return {structure.name: 1 for structure in scene.structures}
+    limits = structure_limits(scene, topologies(scene) if found is None else found)
+    return {name: max(1, math.ceil(float(time_step) / (SAFETY * limit))) for name, limit in limits.items()}
+
+
+def structure_limits(scene, found: dict[str, Any]) -> dict[str, float]:
+    """By structure its largest stable step [s], as a plain number. Of plain numbers."""
     with jax.ensure_compile_time_eval():
-        limits = _structure_limits(scene, topologies(scene) if found is None else found)
-    return {name: max(1, math.ceil(float(time_step) / (SAFETY * float(limit)))) for name, limit in limits.items()}
+        return {name: float(limit) for name, limit in _structure_limits(scene, found).items()}
 
 
 @partial(jax.jit, static_argnames="substeps")

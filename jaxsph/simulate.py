@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph import checks, surroundings
-from jaxsph.dynamics import SAFETY, largest_stable, safe, stable_substeps, topologies
+from jaxsph.dynamics import SAFETY, largest_stable, safe, stable_substeps, structure_limits, topologies
 from jaxsph.effects import ShepardFilter
 from jaxsph.errors import UnstableTimeStep
 from jaxsph.integrate import Diffrax, KickDriftKick
@@ -108,9 +108,10 @@ def simulate(
         n_steps, rebuild_every = _in_builds(n_steps, wanted)
     taken = save_every / n_steps
     if isinstance(integrator, KickDriftKick):
+        given = integrator.substeps is not None
         integrator = integrator.for_scene(scene, lambda: _stable_substeps(scene, found, taken))
-        if limit is not None and integrator.substeps:
-            _check_substeps(scene, found, integrator.substeps, taken)
+        if given and limit is not None:
+            _check_substeps(scene, found, dict(integrator.substeps or ()), taken)
     if state is None:
         state = initial_state(scene)
     check_state(state, scene)
@@ -143,10 +144,12 @@ def _stable_substeps(scene, found, time_step):
 
 
 def _check_substeps(scene, found, substeps, time_step):
-    limit = largest_stable(scene, found, substeps)
+    if not substeps:
+        return
+    limit = min(substeps[name] * step for name, step in structure_limits(scene, found).items())
     if time_step > limit * (1 + 1e-6):
         raise UnstableTimeStep(
-            f"with {dict(substeps)} substeps the largest stable time step is {limit:.4g} s, and {time_step:.4g} s is "
+            f"with {substeps} substeps the largest stable time step is {limit:.4g} s, and {time_step:.4g} s is "
             f"taken; it needs {stable_substeps(scene, time_step, found)}"
         )
 

@@ -7,13 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiling import USUAL
 
 from jaxsph.versions import EXCLUDED_JAX_VERSIONS, check_jax_version
 
 # The smallest sizes at which the CPU backend of an excluded version goes wrong, and a size well beyond.
 SIZES = [("float64", 16_385), ("float32", 32_769), ("float64", 50_000), ("float32", 50_000)]
-
-USUAL = {"xla_backend_optimization_level": 3}  # as programs are compiled outside of these tests
 
 
 def squared_length_of_product(matrix, vector):

@@ -16,6 +16,7 @@ from jaxsph.neighbors.domain import Domain
 Box = tuple[tuple[float, ...], tuple[float, ...]]
 
 CELLS_AT_MOST = 2**20  # more would cost more to count than they save; 4 MB
+BLOCK = 16  # of a cumulative sum
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,8 +190,18 @@ class CellGrid:
 
 
 def cumulative_sum(counts: Int[Array, " n"]) -> Int[Array, " n"]:
-    """What `jnp.cumsum` gives, which on CPUs takes two to three times as long."""
-    return jax.lax.associative_scan(jnp.add, counts)
+    """What `jnp.cumsum` gives, in blocks whose sums are added up likewise.
+
+    As fast as an associative scan, and compiled in a quarter of the time: a scan is some 30 small programs.
+    """
+    n = counts.shape[0]
+    blocks = jnp.pad(counts, (0, -n % BLOCK)).reshape(-1, BLOCK)
+    up_to = jnp.triu(jnp.ones((BLOCK, BLOCK), bool))
+    within = jnp.sum(jnp.where(up_to, blocks[:, :, None], 0), axis=1, dtype=counts.dtype)
+    if len(blocks) > 1:
+        totals = within[:, -1]
+        within = within + (cumulative_sum(totals) - totals)[:, None]
+    return within.reshape(-1)[:n]
 
 
 def _dilated(flags, axis, span, *, periodic):

@@ -87,13 +87,7 @@ def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, 
         own_part = None if own is None else own.at[ids].get(mode="promise_in_bounds")
         ranges = _candidates(grid, part, starts)
         widths = [jnp.max(last - first) if last is not None else jnp.int32(0) for first, last in ranges]
-        found_in = partial(_found, grid, part, padded, own_part, ranges, slots)
-        if capacity.range > WORD:  # with its reserve, which is seldom used; a range of one word takes half the time
-            narrow = widths[0] <= WORD
-            one_word = partial(found_in, dataclasses.replace(capacity, range=WORD))
-            indices_part, count = jax.lax.cond(narrow, one_word, partial(found_in, capacity))
-        else:
-            indices_part, count = found_in(capacity)
+        indices_part, count = _found(grid, part, padded, own_part, ranges, widths[0], capacity)
         if sender_ids is not None:
             indices_part = sender_ids.at[indices_part].get(mode="promise_in_bounds")
         filled = jnp.arange(slots, dtype=jnp.int32)[:, None] < count
@@ -106,12 +100,6 @@ def find_neighbors(grid: CellGrid, receivers, senders, starts, sender_ids, own, 
     return process(0, empty) if n_used is None and n_tiles == 1 else jax.lax.fori_loop(0, n_tiles, process, empty)
 
 
-def _words_of(width: int) -> tuple[int, int]:
-    """Number of words for a range, and bits used of each: as few candidates as possible beyond the range."""
-    words = max(-(-width // WORD), 1)
-    return words, min(-(-width // (8 * words)) * 8, WORD)
-
-
 def _candidates(grid, receivers, starts):
     """Ranges of candidates: first and last of each row of cells, and of its far end (None where there is none)."""
     ranges = grid.ranges(grid.coordinates(receivers), starts)
@@ -122,22 +110,50 @@ def _candidates(grid, receivers, starts):
     return (first, last), (first_round, last_round)
 
 
-def _found(grid, receivers, padded, own, ranges, slots, capacity):
-    """Positions of the neighbors (slots, n) among the sorted senders, and how many they are."""
+def _found(grid, receivers, padded, own, ranges, width, capacity):
+    """Positions of the neighbors (slots, n) among the sorted senders, and how many they are.
+
+    width: of the widest range here, which decides how many words are tested: one where the reserve is not used.
+    """
     (first, last), (first_round, last_round) = ranges
-    words, bases = _words(grid, receivers, padded, own, first, last, capacity.range)
+    test = partial(_words, grid, receivers, padded, own)
+    most = max(-(-capacity.range // WORD), 1)
+    if most == 1:
+        words, bases = test(first, last, bits_of(capacity.range))
+        used = len(first)
+    else:
+        rows = len(first)
+
+        def one_more(carry):
+            number, words, bases = carry
+            found = test(first + number * WORD, last, WORD)
+            put = partial(jax.lax.dynamic_update_slice_in_dim, start_index=number * rows, axis=0)
+            return number + 1, put(words, found[0]), put(bases, found[1])
+
+        n_words = jnp.minimum(-(-width // WORD), most)
+        empty = jnp.zeros((most * rows, receivers.shape[1]), jnp.int32)
+        carry = (jnp.int32(0), empty.astype(jnp.uint32), empty)
+        _, words, bases = jax.lax.while_loop(lambda carry: carry[0] < n_words, one_more, carry)
+        used = n_words * rows
     if first_round is not None:
-        far_words, far_bases = _words(grid, receivers, padded, own, first_round, last_round, capacity.range_round)
-        words, bases = jnp.concatenate([words, far_words]), jnp.concatenate([bases, far_bases])
+        # In front, so that the words in use are the first ones.
+        n_far = -(-capacity.range_round // WORD)
+        starts = jnp.concatenate([first_round + word * WORD for word in range(n_far)])
+        far = test(starts, jnp.concatenate([last_round] * n_far), bits_of(capacity.range_round))
+        words, bases = jnp.concatenate([far[0], words]), jnp.concatenate([far[1], bases])
+        used = used + len(starts)
     words, bases = jax.lax.optimization_barrier((words, bases))
     count = jnp.sum(jax.lax.population_count(words), axis=0, dtype=jnp.int32)
-    return _read_out(words, bases, slots), count
+    return _read_out(words, bases, used, count, capacity.slots), count
 
 
-def _words(grid, receivers, padded, own, first, last, width):
-    n_words, bits = _words_of(width)
-    base = jnp.concatenate([first + bits * word for word in range(n_words)])
-    end = jnp.concatenate([last] * n_words)
+def bits_of(width: int) -> int:
+    """How many bits of a word are used for a range, of many words all: as few candidates beyond it as possible."""
+    return min(-(-width // 8) * 8, WORD)
+
+
+def _words(grid, receivers, padded, own, base, end, bits):
+    """A word for each of these candidates and receivers, which says which of the `bits` from base on are neighbors."""
     base = jnp.minimum(base, end)  # a word beyond the range tests nothing and must not read beyond the array
     squared = 0.0
     for axis in range(grid.domain.dimension):
@@ -165,21 +181,24 @@ def _lowest(number):
     return jnp.where(number > 0, jnp.uint32(2**WORD - 1) >> shift, jnp.uint32(0))
 
 
-def _read_out(words, bases, slots):
-    """Positions of the set bits of all words, one after another: (slots, n). What follows the last is arbitrary."""
+def _read_out(words, bases, used, count, slots):
+    """Positions of the set bits of the first `used` words, one after another: (slots, n).
+
+    What follows the last of a receiver is arbitrary; count: how many each has.
+    """
     n = words.shape[1]
     lanes = jnp.arange(n, dtype=jnp.int32)
 
-    def spread(placed, new):
+    def spread(number, placed):
         before, word_at, base_at = placed
-        word, base = new
+        word, base = words[number], bases[number]
         at = jnp.where((word != 0) & (before < slots), before * n + lanes, slots * n)
         word_at = word_at.at[at].set(word, mode="drop", unique_indices=True)
         base_at = base_at.at[at].set(base, mode="drop", unique_indices=True)
-        return (before + jax.lax.population_count(word).astype(jnp.int32), word_at, base_at), None
+        return before + jax.lax.population_count(word).astype(jnp.int32), word_at, base_at
 
     placed = (jnp.zeros(n, jnp.int32), jnp.zeros(slots * n, jnp.uint32), jnp.zeros(slots * n, jnp.int32))
-    _, word_at, base_at = jax.lax.scan(spread, placed, (words, bases))[0]
+    _, word_at, base_at = jax.lax.fori_loop(0, used, spread, placed)
 
     def take_lowest(current, new):
         word, base = current
@@ -197,7 +216,7 @@ def _read_out(words, bases, slots):
         current, lowest = take_lowest(current, (word_at[slot], base_at[slot]))
         return slot + 1, current, jax.lax.dynamic_update_slice_in_dim(read, lowest[None], slot, 0)
 
-    used = jnp.minimum(jnp.max(jnp.sum(jax.lax.population_count(words), axis=0, dtype=jnp.int32)), slots)
+    most = jnp.minimum(jnp.max(count), slots)
     start = (jnp.zeros(n, jnp.uint32), jnp.zeros(n, jnp.int32))
     carry = (jnp.int32(0), start, jnp.zeros((slots, n), jnp.int32))
-    return jax.lax.while_loop(lambda carry: carry[0] < used, of_slot, carry)[2]
+    return jax.lax.while_loop(lambda carry: carry[0] < most, of_slot, carry)[2]
