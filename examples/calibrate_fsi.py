@@ -29,12 +29,12 @@ MODULUS, VISCOSITY = "plate.youngs_modulus", "water.viscosity"
 
 def main(
     fits=("twin",),
-    particles=15,
+    particles=20,
     across=5,
     precision="float32",
     noise=0.05,
     window=0.3,
-    every=0.005,
+    every=0.0025,
     seed=0,
     start=3.0,
     method="secant",
@@ -147,12 +147,12 @@ def peak_memory():
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--fits", nargs="+", default=["twin"], choices=FITS)
-    parser.add_argument("--particles", type=int, default=15, help="over the width of the column (15)")
+    parser.add_argument("--particles", type=int, default=15, help="over the width of the column (20)")
     parser.add_argument("--across", type=int, default=5, help="particles over the thickness of the plate (5)")
     parser.add_argument("--precision", default="float32", choices=("float32", "float64"))
     parser.add_argument("--noise", type=float, default=0.05, help="of the twins, of the amplitude (0.05)")
     parser.add_argument("--window", type=float, default=0.3, help="how much of the record to fit [s] (0.3)")
-    parser.add_argument("--every", type=float, default=0.005, help="interval of samples of the twins [s] (0.005)")
+    parser.add_argument("--every", type=float, default=0.005, help="interval of samples of the twins [s] (0.0025)")
     parser.add_argument("--seed", type=int, default=0, help="of the noise")
     parser.add_argument("--start", type=float, default=3.0, help="factor by which the first guess is off (3)")
     parser.add_argument("--method", default="secant", choices=("secant", "gauss-newton"), help="of the fit")

@@ -30,7 +30,7 @@ def plate(quick: bool) -> Iterator[list[Row]]:
     """Twins with 5 % noise, from three times the modulus; a seed for each row, since splashes make the cost rough."""
     for seed in (0,) if quick else (0, 1, 2, 3):
         found = summary_of(calibrate_fsi.main, seed=seed)["twin"]
-        where = (f"a / dx = 15, seed {seed}", "float32")
+        where = (f"a / dx = {found['particles']}, seed {seed}", "float32")
         modulus = found["youngs_modulus"]
         yield [
             Row("relative error of E, from three times E", found["relative_error"], 0.02, *where),
