@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from inverse.scan import scan
 from inverse.descent import adam, l_bfgs_b
 from inverse.gauss_newton import gauss_newton
 from inverse.model import Evaluation, Model, RunFailed
@@ -37,13 +38,14 @@ def fit(
     Args:
         problem: data, unknowns, simulator.
         method: "gauss-newton" (few unknowns: forward-mode Jacobian, time window chosen from the data),
-            "secant" (the same with slopes over a finite difference, 1 + 2 n runs each: for violent runs, whose
-            derivatives follow every splash and not the trend; `tangent_growth` tells),
+            "secant" (the same with slopes over a finite difference, 1 + 2 n runs each, and at the end a search around
+            the best run by steps that are halved: for violent runs, whose derivatives follow every splash and not the
+            trend; `tangent_growth` tells),
             "l-bfgs-b" or "adam" (many unknowns: reverse-mode gradient).
         max_iterations: trial points; 40 for gauss-newton and secant, 200 per window for l-bfgs-b, 500 in all for adam.
         step_tolerance: gauss-newton, secant, adam: converged when no unknown moves more than this in its
             internal coordinate (log: relative change; linear: change in quarters of the range); 1e-5 by default,
-            for secants a twentieth of the difference.
+            for secants a twentieth of the difference, which is also the last step of the search.
         cost_tolerance: l-bfgs-b: converged when the cost falls by less than this fraction; 1e-10 by default.
         learning_rate: adam: first step in internal coordinates; 0.05 by default.
         windows: l-bfgs-b, adam: fractions of the record to fit one after the other, growing up to 1 (helps
@@ -82,7 +84,10 @@ def fit(
         wide = DIFFERENCE if difference is None else difference
         small = 0.05 * wide if step_tolerance is None else step_tolerance
         evaluate = partial(model.secants, difference=wide)
-        best, converged, message = gauss_newton(model, max_iterations or 40, small, history.record, evaluate)
+        trend, converged, message = gauss_newton(model, max_iterations or 40, small, history.record, evaluate)
+        best = scan(model, trend, wide / 2, small, history.record) if converged else trend
+        if best is not trend:  # how sure it is follows from the slopes of the trend
+            best = evaluate(best.z)
     elif method == "l-bfgs-b":
         tolerance = 1e-10 if cost_tolerance is None else cost_tolerance
         best, converged, message = l_bfgs_b(model, max_iterations or 200, tolerance, stages, history.record)

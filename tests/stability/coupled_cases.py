@@ -40,9 +40,7 @@ def ratios(quick: bool) -> Iterator[list[Row]]:
     runs = [(1, HALF), (10, HALF), (1000, HALF), (1, DOUBLE)]
     for ratio, dtype in runs[:1] if quick else runs:
         modulus = 1e6 * max(1.0, ratio / 2.5)  # at 2.5 it is the scene's own
-        scene = jaxsph.scenes.dam_break_plate(
-            10, 3, plate_density=1000.0 * ratio, youngs_modulus=modulus, dtype=dtype
-        )
+        scene = jaxsph.scenes.dam_break_plate(10, 3, plate_density=1000.0 * ratio, youngs_modulus=modulus, dtype=dtype)
         yield struck(scene, (f"3 across, {ratio} : 1", precision(dtype)))
 
 
