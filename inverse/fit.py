@@ -8,12 +8,12 @@ from functools import partial
 
 import numpy as np
 
-from inverse.scan import scan
 from inverse.descent import adam, l_bfgs_b
 from inverse.gauss_newton import gauss_newton
 from inverse.model import Evaluation, Model, RunFailed
 from inverse.problem import Problem
 from inverse.report import Fit
+from inverse.scan import scan
 from inverse.uncertainty import Uncertainty, estimate
 
 METHODS = ("gauss-newton", "secant", "l-bfgs-b", "adam")

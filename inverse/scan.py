@@ -15,8 +15,8 @@ EACH_SIDE = 5  # runs of the first look
 def scan(model: Model, found: Evaluation, reach: float, smallest: float, record: Callable[..., None]) -> Evaluation:
     """The best of the runs along each unknown: five on either side of an end, then one, closer and closer.
 
-    Where splashes make valleys, the slopes of the trend end at the rim of one of them. Runs at finite distances see over
-    the walls between. With many unknowns it is a search along the axes, not of a volume.
+    Where splashes make valleys, the slopes of the trend end at the rim of one of them. Runs at finite distances see
+    over the walls between. With many unknowns it is a search along the axes, not of a volume.
 
     Args:
         model: compiled residual.

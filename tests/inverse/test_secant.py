@@ -7,6 +7,7 @@ import pytest
 import inverse
 from inverse.gauss_newton import better_beside
 from inverse.model import Evaluation, Model, RunFailed
+from inverse.scan import scan
 
 RIPPLE, WAVES = 0.06, 150.0  # amplitude, and radians per unit of the logarithm: a slope of 9 beside one of 1, and
 # a valley every 4 %, as wide as those of a plate in a dam break
@@ -62,6 +63,24 @@ def test_a_fit_goes_on_from_a_better_run_beside_its_end(toys):
 
     assert better_beside(fails, aside) is None
     assert better_beside(evaluate, model.evaluate(aside.z)) is None  # tangents have no runs beside
+
+
+def test_a_scan_looks_beside_an_end_and_within_the_bounds(toys):
+    model = Model(toys.oscillator(0.9, 1.0))
+    (true,), none = model.problem.start, np.empty((0, 1))
+    looks = []
+
+    def around(z):
+        at = np.array([z])
+        return scan(model, Evaluation(at, model.residual(at), none), 0.1, 0.01, lambda *look: looks.append(look))
+
+    assert around(true + 0.085).z[0] == pytest.approx(true + 0.005, abs=1e-12)  # two hundredths apart, then one
+    assert [(accepted, samples) for _, accepted, samples, _ in looks] == [(True, 81), (False, 81)]
+    assert around(true).z[0] == true  # nothing is better than the truth
+    (upper,) = model.problem.bounds[1]
+    looks.clear()
+    assert around(upper).z[0] <= upper
+    assert looks[0][3].startswith("best of 5 beside")  # the other five would be beyond
 
 
 def test_difference_belongs_to_secants(toys):
