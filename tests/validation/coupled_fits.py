@@ -1,4 +1,4 @@
-"""I09, I10: Young's modulus through fluid and structure, by the fits of calibrate_fsi.py and calibrate_gate.py."""
+"""I09, I10, fsi_published, fsi_joint: fits through fluid and structure, by calibrate_fsi.py and calibrate_gate.py."""
 
 from __future__ import annotations
 
@@ -41,6 +41,38 @@ def plate(quick: bool) -> Iterator[list[Row]]:
         ]
 
 
+def published(quick: bool) -> Iterator[list[Row]]:
+    """The tips of the plate that two finite-element codes computed, with a modulus of 1 MPa."""
+    for name in ("Idelsohn2008",) if quick else ("Idelsohn2008", "Meduri2018"):
+        found = summary_of(calibrate_fsi.main, fits=(name,))[name]
+        where = (f"a / dx = {found['particles']}, {name}", "float32")
+        modulus = found["youngs_modulus"]
+        yield [
+            Row("Young's modulus [MPa]", modulus / 1e6, None, *where),
+            Row("relative standard error of E", found["standard_error"] / modulus, None, *where),
+            Row("rms of ux / its peak, fitted E", found["rms_over_peak"], None, *where),
+            Row("simulation runs", found["simulation_runs"], None, *where),
+        ]
+
+
+def joint(quick: bool) -> Iterator[list[Row]]:
+    """Modulus and viscosity of viscous water together, a twin with 5 % noise, both from three times off."""
+    for seed in (0,):
+        found = summary_of(calibrate_fsi.main, fits=("joint",), seed=seed)["joint"]
+        where = (f"a / dx = {found['particles']}, seed {seed}", "float32")
+        viscosity = found["viscosity"]
+        yield [
+            Row("relative error of E", found["relative_error"], None, *where),
+            Row("relative error of the viscosity", abs(viscosity / calibrate_fsi.TRUE_VISCOSITY - 1), None, *where),
+            Row("relative standard error of E", found["standard_error"] / found["youngs_modulus"], None, *where),
+            Row(
+                "relative standard error of the viscosity", found["standard_error_viscosity"] / viscosity, None, *where
+            ),
+            Row("correlation of E and viscosity", found["correlation"], None, *where),
+            Row("simulation runs", found["simulation_runs"], None, *where),
+        ]
+
+
 def gate(quick: bool) -> Iterator[list[Row]]:
     """The measured motion of Antoci's gate, from two moduli in use."""
     for start in (7.8e6,) if quick else (7.8e6, 12e6):
@@ -57,4 +89,6 @@ def gate(quick: bool) -> Iterator[list[Row]]:
 CASES = [
     Case("I09", "Young's modulus of a plate from its tip in a dam break, twin with 5 % noise", plate),
     Case("I10", "Young's modulus of Antoci's rubber gate, experiment", gate),
+    Case("fsi_published", "Young's modulus of a plate from tips that others computed", published),
+    Case("fsi_joint", "Young's modulus of a plate and viscosity of the water, twin with 5 % noise", joint),
 ]
