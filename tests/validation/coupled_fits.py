@@ -57,20 +57,18 @@ def published(quick: bool) -> Iterator[list[Row]]:
 
 def joint(quick: bool) -> Iterator[list[Row]]:
     """Modulus and viscosity of viscous water together, a twin with 5 % noise, both from three times off."""
-    for seed in (0,):
-        found = summary_of(calibrate_fsi.main, fits=("joint",), seed=seed)["joint"]
-        where = (f"a / dx = {found['particles']}, seed {seed}", "float32")
-        viscosity = found["viscosity"]
-        yield [
-            Row("relative error of E", found["relative_error"], None, *where),
-            Row("relative error of the viscosity", abs(viscosity / calibrate_fsi.TRUE_VISCOSITY - 1), None, *where),
-            Row("relative standard error of E", found["standard_error"] / found["youngs_modulus"], None, *where),
-            Row(
-                "relative standard error of the viscosity", found["standard_error_viscosity"] / viscosity, None, *where
-            ),
-            Row("correlation of E and viscosity", found["correlation"], None, *where),
-            Row("simulation runs", found["simulation_runs"], None, *where),
-        ]
+    found = summary_of(calibrate_fsi.main, fits=("joint",))["joint"]
+    where = (f"a / dx = {found['particles']}", "float32")
+    modulus, viscosity = found["youngs_modulus"], found["viscosity"]
+    of_viscosity = abs(viscosity / calibrate_fsi.TRUE_VISCOSITY - 1)
+    yield [
+        Row("relative error of E", found["relative_error"], None, *where),
+        Row("relative error of the viscosity", of_viscosity, None, *where),
+        Row("relative standard error of E", found["standard_error"] / modulus, None, *where),
+        Row("relative standard error of the viscosity", found["standard_error_viscosity"] / viscosity, None, *where),
+        Row("correlation of E and viscosity", found["correlation"], None, *where),
+        Row("simulation runs", found["simulation_runs"], None, *where),
+    ]
 
 
 def gate(quick: bool) -> Iterator[list[Row]]:
