@@ -42,6 +42,10 @@ EVOLVED = ("position", "displacement", "remainder", "velocity", "density_deviati
 """Fields that a run starts with as they are given; a step of no duration could round them, or sum a density anew."""
 
 
+MORE_ROOM = 1.34
+"""By how much lists grow that were too small; the second time by its square, and so on, since each time a program is
+compiled, which takes longer than hundreds of steps. Water that runs far needs more again and again."""
+
 RESERVE, LARGE_RESERVE = 1.25, 5.0
 """How much further than its velocity says a particle may go in a step before lists that were thought to hold do not:
 at first, and once that was not enough."""
@@ -113,7 +117,8 @@ def _to_next_save(scene, references, columns, state, found, time_step, options):
         counts = {name: np.int32(options[name]) for name in ("n_steps", "rebuild_every")}
         reserve = options.get("reserve", RESERVE)
         traced = {**counts, "reserve": np.asarray(reserve, scene.dtype)}  # see advance
-        advanced, new = advance_compiled(scene, references, columns, found, state, time_step, **options | traced)
+        given = {name: value for name, value in options.items() if name != "growth"}
+        advanced, new = advance_compiled(scene, references, columns, found, state, time_step, **given | traced)
         reason = int(new.health.reason) if scene.meets else GOOD
         if reason == BEYOND_SKIN and reserve < LARGE_RESERVE:
             options = {**options, "reserve": LARGE_RESERVE}
@@ -123,7 +128,9 @@ def _to_next_save(scene, references, columns, state, found, time_step, options):
             positions = positions_of(scene, columns, placed)
             found = {**found, **surroundings.allocate(scene, positions, skin=2 * float(new.health.limit))}
         elif reason == OVERFLOW and np.isfinite(float(new.health.number)):
-            found = _with_room(scene, found, 1.1 * float(new.health.number) / float(new.health.limit))
+            growth = options.get("growth", 1.0) * MORE_ROOM
+            found = _with_room(scene, found, max(growth, 1.1 * float(new.health.number) / float(new.health.limit)))
+            options = {**options, "growth": growth}
         else:
             return advanced, new, found, options
 
@@ -134,11 +141,11 @@ def _longest_way(scene, found):
     return found[f"{a}-{b}"].cutoff
 
 
-def _with_room(scene, found, factor: float = 0.0):
-    """Lists with room for more neighbors by this factor, or a third if that is more."""
+def _with_room(scene, found, factor: float = MORE_ROOM):
+    """Lists with room for more neighbors by this factor."""
     found = dict(found)
     for a, b in surroundings.pairs_of(scene):
-        found[f"{a}-{b}"] = surroundings.enlarged(found[f"{a}-{b}"], max(1.34, factor))
+        found[f"{a}-{b}"] = surroundings.enlarged(found[f"{a}-{b}"], factor)
     return found
 
 

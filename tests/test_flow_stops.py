@@ -7,7 +7,7 @@ import pytest
 from fluids import column
 
 import jaxsph as sph
-from jaxsph import surroundings
+from jaxsph import plain_run, surroundings
 
 FIELDS = ("position", "velocity", "acceleration", "density_deviation", "density_gradient")
 RAISED_IN_JIT = (RuntimeError, ValueError)  # as one or the other jax hands on what a callback raised
@@ -33,6 +33,23 @@ def test_too_little_room_is_enlarged_in_a_plain_run_and_an_error_under_jit(scene
     )
     with pytest.raises(RAISED_IN_JIT, match="more neighbors than the neighbor list has slots"):
         jax.block_until_ready(jax.jit(of)(1.0))
+
+
+def test_lists_grow_by_more_each_time(scene, monkeypatch):
+    asked, grow = [], plain_run._with_room
+
+    def a_little(scene, found, factor):
+        asked.append(factor)
+        return grow(scene, found, 1.1)
+
+    monkeypatch.setattr(plain_run, "_with_room", a_little)
+    tight = sph.topologies(scene)
+    for a, b in surroundings.pairs_of(scene):
+        tight[f"{a}-{b}"] = surroundings.enlarged(tight[f"{a}-{b}"], 0.6)
+    sph.simulate(scene, 0.002, topologies_of_scene=tight)
+    assert len(asked) >= 2
+    for k, factor in enumerate(asked, start=1):
+        assert factor >= plain_run.MORE_ROOM**k * (1 - 1e-12)
 
 
 def test_lists_hold_as_long_as_no_pair_can_have_come_closer_than_the_skin(scene):
