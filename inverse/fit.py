@@ -38,14 +38,14 @@ def fit(
     Args:
         problem: data, unknowns, simulator.
         method: "gauss-newton" (few unknowns: forward-mode Jacobian, time window chosen from the data),
-            "secant" (the same with slopes over a finite difference, 1 + 2 n runs each, and at the end a search around
-            the best run by steps that are halved: for violent runs, whose derivatives follow every splash and not the
+            "secant" (the same with slopes over a finite difference, 1 + 2 n runs each, and at the end the best of some
+            12 n runs around: for violent runs, whose derivatives follow every splash and not the
             trend; `tangent_growth` tells),
             "l-bfgs-b" or "adam" (many unknowns: reverse-mode gradient).
         max_iterations: trial points; 40 for gauss-newton and secant, 200 per window for l-bfgs-b, 500 in all for adam.
         step_tolerance: gauss-newton, secant, adam: converged when no unknown moves more than this in its
             internal coordinate (log: relative change; linear: change in quarters of the range); 1e-5 by default,
-            for secants a twentieth of the difference, which is also the last step of the search.
+            for secants a twentieth of the difference, which is also the last distance of the runs around.
         cost_tolerance: l-bfgs-b: converged when the cost falls by less than this fraction; 1e-10 by default.
         learning_rate: adam: first step in internal coordinates; 0.05 by default.
         windows: l-bfgs-b, adam: fractions of the record to fit one after the other, growing up to 1 (helps
@@ -86,8 +86,8 @@ def fit(
         evaluate = partial(model.secants, difference=wide)
         trend, converged, message = gauss_newton(model, max_iterations or 40, small, history.record, evaluate)
         best = scan(model, trend, wide / 2, small, history.record) if converged else trend
-        if best is not trend:  # how sure it is follows from the slopes of the trend
-            best = evaluate(best.z)
+        if best is not trend:
+            best = _with_slopes(evaluate, best, trend)
     elif method == "l-bfgs-b":
         tolerance = 1e-10 if cost_tolerance is None else cost_tolerance
         best, converged, message = l_bfgs_b(model, max_iterations or 200, tolerance, stages, history.record)
@@ -108,6 +108,14 @@ def fit(
         history.entries,
         time.perf_counter() - begin,
     )
+
+
+def _with_slopes(evaluate, best: Evaluation, trend: Evaluation) -> Evaluation:
+    """The best run with secants around it, or those of the trend nearby where such a run fails."""
+    try:
+        return evaluate(best.z)
+    except RunFailed:
+        return Evaluation(best.z, best.residual, trend.jacobian)
 
 
 class History:

@@ -29,30 +29,29 @@ def scan(model: Model, found: Evaluation, reach: float, smallest: float, record:
         The best evaluation, `found` itself or one without a Jacobian.
     """
     lower, upper = model.problem.bounds
-    samples, none = len(model.problem.data), np.empty((0, len(found.z)))
-    step, best = reach / EACH_SIDE, found
-    far = [k for k in range(-EACH_SIDE, EACH_SIDE + 1) if k != 0]
-    for axis in np.eye(len(found.z)):
-        best = _look(model, best, [best.z + k * step * axis for k in far], lower, upper, record, samples, none)
+    none = np.empty((0, len(found.z)))
+
+    def look(best: Evaluation, ways: list[np.ndarray]) -> Evaluation:
+        tried = []
+        for z in (best.z + way for way in ways):
+            if np.all((z >= lower) & (z <= upper)):
+                try:
+                    tried.append(Evaluation(z, model.residual(z), none))
+                except RunFailed:
+                    continue  # one of many places, and not a better one
+        nearest = min(tried, key=lambda one: one.cost, default=None)
+        if nearest is None:
+            return best
+        better = nearest.cost < (1 - BETTER) * best.cost
+        note = f"best of {len(tried)} beside" + ("" if better else ": not better")
+        record(nearest, better, len(model.problem.data), note)
+        return nearest if better else best
+
+    step, best, axes = reach / EACH_SIDE, found, np.eye(len(found.z))
+    for axis in axes:
+        best = look(best, [k * step * axis for k in range(-EACH_SIDE, EACH_SIDE + 1) if k != 0])
     while step > smallest * (1 + 1e-9):
         step = max(0.5 * step, smallest)
-        for axis in np.eye(len(found.z)):
-            best = _look(model, best, [best.z + k * step * axis for k in (-1, 1)], lower, upper, record, samples, none)
+        for axis in axes:
+            best = look(best, [-step * axis, step * axis])
     return best
-
-
-def _look(model, best, places, lower, upper, record, samples, none):
-    """The best of some runs, or the one before if none is better by more than a splash makes it."""
-    tried = []
-    for z in places:
-        if np.all((z >= lower) & (z <= upper)):
-            try:
-                tried.append(Evaluation(z, model.residual(z), none))
-            except RunFailed:
-                continue  # one of many places, and not a better one
-    nearest = min(tried, key=lambda one: one.cost, default=None)
-    if nearest is None:
-        return best
-    better = nearest.cost < (1 - BETTER) * best.cost
-    record(nearest, better, samples, f"best of {len(tried)} beside" + ("" if better else ": not better"))
-    return nearest if better else best

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 import inverse
+from inverse.fit import _with_slopes
 from inverse.gauss_newton import better_beside
 from inverse.model import Evaluation, Model, RunFailed
 from inverse.scan import scan
@@ -81,6 +82,19 @@ def test_a_scan_looks_beside_an_end_and_within_the_bounds(toys):
     looks.clear()
     assert around(upper).z[0] <= upper
     assert looks[0][3].startswith("best of 5 beside")  # the other five would be beyond
+
+
+def test_an_end_whose_secants_fail_has_those_of_the_trend(toys):
+    model = Model(toys.oscillator(0.9, 1.0))
+    (true,), none = model.problem.start, np.empty((0, 1))
+    trend = model.secants(np.array([true + 0.1]), 0.2)
+    best = Evaluation(np.array([true]), model.residual(np.array([true])), none)
+
+    def fails(z) -> Evaluation:
+        raise RunFailed("no such run")
+
+    kept = _with_slopes(fails, best, trend)
+    assert kept.z is best.z and kept.residual is best.residual and kept.jacobian is trend.jacobian
 
 
 def test_difference_belongs_to_secants(toys):
