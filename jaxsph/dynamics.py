@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Any
 
 import jax
@@ -364,7 +363,7 @@ def fluid_time_step(scene, fluid):
     return limit
 
 
-def largest_stable(scene, found: dict[str, Any], substeps: tuple | None = None, columns: dict | None = None) -> float:
+def largest_stable(scene, found: dict[str, Any], columns: dict | None = None) -> float:
     """`largest_stable_time_step` as a plain number [s], infinite for rigid bodies alone. Of plain numbers.
 
     Raises ValueError if no particle can move.
@@ -373,7 +372,7 @@ def largest_stable(scene, found: dict[str, Any], substeps: tuple | None = None, 
     if not free and all(np.all(structure.clamped) for structure in scene.structures):
         raise ValueError("no particle of the scene can move: all are clamped")
     with jax.ensure_compile_time_eval():  # inside of jit too, where another argument is traced
-        return float(_limit(scene, found, substeps, columns))
+        return float(_limit(scene, found, columns))
 
 
 def safe(limit: float) -> float:
@@ -397,7 +396,7 @@ def stable_time_step(scene, found: dict[str, Any] | None = None, state: State | 
     if state is not None and scene.fluids:
         raise ValueError("state= is for scenes without fluids: beside a fluid structures take substeps of its step")
     columns = None if state is None else to_columns(state.systems, found)
-    return safe(largest_stable(scene, found, None, columns))
+    return safe(largest_stable(scene, found, columns))
 
 
 def stable_substeps(scene, time_step: float, found: dict[str, Any] | None = None) -> dict[str, int]:
@@ -417,9 +416,9 @@ def structure_limits(scene, found: dict[str, Any]) -> dict[str, float]:
         return {name: float(limit) for name, limit in _structure_limits(scene, found).items()}
 
 
-@partial(jax.jit, static_argnames="substeps")
-def _limit(scene, found, substeps, columns=None):
-    return largest_stable_time_step(scene, prepare(scene, found), substeps, columns)
+@jax.jit
+def _limit(scene, found, columns=None):
+    return largest_stable_time_step(scene, prepare(scene, found), None, columns)
 
 
 @jax.jit

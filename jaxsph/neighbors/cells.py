@@ -192,7 +192,8 @@ class CellGrid:
 def cumulative_sum(counts: Int[Array, " n"]) -> Int[Array, " n"]:
     """What `jnp.cumsum` gives, in blocks whose sums are added up likewise.
 
-    As fast as an associative scan, and compiled in a quarter of the time: a scan is some 30 small programs.
+    Compiled in a quarter of the time of an associative scan, which is some 30 small programs, and as fast, but for a
+    million cells: there it takes half as long again.
     """
     n = counts.shape[0]
     blocks = jnp.pad(counts, (0, -n % BLOCK)).reshape(-1, BLOCK)

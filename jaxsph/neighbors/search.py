@@ -119,7 +119,7 @@ def _found(grid, receivers, padded, own, ranges, width, capacity):
     test = partial(_words, grid, receivers, padded, own)
     most = max(-(-capacity.range // WORD), 1)
     if most == 1:
-        words, bases = test(first, last, bits_of(capacity.range))
+        words, bases = test(first, last, _bits_of(capacity.range))
         used = len(first)
     else:
         rows = len(first)
@@ -139,7 +139,7 @@ def _found(grid, receivers, padded, own, ranges, width, capacity):
         # In front, so that the words in use are the first ones.
         n_far = -(-capacity.range_round // WORD)
         starts = jnp.concatenate([first_round + word * WORD for word in range(n_far)])
-        far = test(starts, jnp.concatenate([last_round] * n_far), bits_of(capacity.range_round))
+        far = test(starts, jnp.concatenate([last_round] * n_far), _bits_of(capacity.range_round))
         words, bases = jnp.concatenate([far[0], words]), jnp.concatenate([far[1], bases])
         used = used + len(starts)
     words, bases = jax.lax.optimization_barrier((words, bases))
@@ -147,7 +147,7 @@ def _found(grid, receivers, padded, own, ranges, width, capacity):
     return _read_out(words, bases, used, count, capacity.slots), count
 
 
-def bits_of(width: int) -> int:
+def _bits_of(width: int) -> int:
     """How many bits of a word are used for a range, of many words all: as few candidates beyond it as possible."""
     return min(-(-width // 8) * 8, WORD)
 
