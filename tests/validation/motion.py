@@ -50,8 +50,8 @@ def mode_frequencies(times: np.ndarray, values: np.ndarray) -> dict[str, float]:
 def freed_of_time_step(frequency: float, step: float = SAVE_EVERY) -> float:
     """The frequency [Hz] of which the trapezoidal rule with this step [s] makes the one given.
 
-    From w dt / 2 = tan(w' dt / 2). The reference was made so: its higher modes are too slow by what this says, and with
-    it all four agree with ours to some thousandths.
+    From w dt / 2 = tan(w' dt / 2). The reference looks as if it was made so, with a step for each of its samples: its
+    modes are slower than ours by what this says, all four of them, to some thousandths.
     """
     return float(np.tan(np.pi * frequency * step) / (np.pi * step))
 
@@ -197,9 +197,7 @@ def order(errors: dict[int, dict[str, float]], solutions: dict[int, Oscillation]
     freed = {mode: f"the same, {mode} mode, reference freed of its time step" for mode in MODES}
     for name, figure in (figures | freed).items():
         five, nine, seventeen = (errors[particles][name] for particles in (5, 9, 17))
-        limit = (
-            None if name in ("third", "fourth") else 1.0
-        )  # some thousandths of a millimeter, shown for the time step
+        limit = None if name in ("third", "fourth") else 1.0  # a tenth of a millimeter and less: shown as they are
         rows.append(Row(figure, max(nine / five, seventeen / nine), limit, "5, 9, 17 across", "float64"))
     for name in figures:
         five, nine, seventeen = (getattr(solutions[particles], name) for particles in (5, 9, 17))
