@@ -68,7 +68,9 @@ def _start(scene, found, state, options):
         stepped, _, found, _ = _to_next_save(scene, references, columns, replace(state, systems={}), found, 0.0, once)
         for name, fields in stepped.items():
             columns[name] = {**fields, **{k: v for k, v in columns[name].items() if k in EVOLVED}}
-    return references, columns, found
+        return references, columns, found
+    # In the order that the run which is continued has put them into at this save, so that sums have the same bits.
+    return _in_cell_order(scene, references, columns, found)
 
 
 def _states(scene, references, columns, state, found, time_step, n_saves, options):
@@ -126,7 +128,10 @@ def _to_next_save(scene, references, columns, state, found, time_step, options):
             # One step alone is too much for this skin: the fluid is faster than a few times its sound speed's tenth.
             placed = place_boundaries(scene, references, columns, state.time)
             positions = positions_of(scene, columns, placed)
-            found = {**found, **surroundings.allocate(scene, positions, skin=2 * float(new.health.limit))}
+            found = {
+                **found,
+                **surroundings.allocate(scene, positions, skin=2 * surroundings.smallest_skin(scene, found)),
+            }
         elif reason == OVERFLOW and np.isfinite(float(new.health.number)):
             growth = options.get("growth", 1.0) * MORE_ROOM
             found = _with_room(scene, found, max(growth, 1.1 * float(new.health.number) / float(new.health.limit)))

@@ -180,7 +180,7 @@ def _steps_between_builds(scene, found, state, time_step, max_speed) -> int:
             raise ValueError("max_speed is needed when the sound speed is traced: it decides how often lists are built")
         max_speed = 1.1 * max(fastest)
     checks.check_at_least("max_speed", max_speed, 0.0, "m/s")
-    skin = min(found[f"{a}-{b}"].skin for a, b in surroundings.pairs_of(scene))
+    skin = surroundings.smallest_skin(scene, found)
     return max(1, min(8, safe_steps(skin, time_step, max_speed)))
 
 

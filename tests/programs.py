@@ -18,7 +18,7 @@ from jaxsph.surroundings import pairs_of
 
 SLOTS = 5  # of lists of which only the shapes matter
 
-GATHER = re.compile(r"stablehlo\.gather.* -> tensor<([0-9x]+)x(?:f32|f64)>")
+GATHER = re.compile(r"stablehlo\.gather.* -> tensor<([0-9x]+)x(complex<)?(?:f32|f64)>")
 OPERATION = re.compile(r"\b(stablehlo\.\w+|func\.call)")
 
 
@@ -57,8 +57,13 @@ class Program:
 
     @property
     def gathered(self) -> Counter:
-        """Numbers gathered in all passes together, by how many particles gather them; a vector is d numbers."""
-        return numbers(tuple(int(n) for n in found.split("x")) for found in GATHER.findall(self.text))
+        """Numbers gathered in all passes together, by how many particles gather them; a vector is d numbers.
+
+        Complex fields are pairs of real ones.
+        """
+        return numbers(
+            (2 if pairs else 1, *(int(n) for n in found.split("x"))) for found, pairs in GATHER.findall(self.text)
+        )
 
     @property
     def n_gathers(self) -> int:
