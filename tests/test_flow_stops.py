@@ -67,9 +67,11 @@ def test_lists_hold_as_long_as_no_pair_can_have_come_closer_than_the_skin(scene)
     step = {**still, "water": still["water"].at[0, 0].set(0.1 * skin)}
     for name in ("water-water", "water-tank"):
         left, closer, limit = steps(moved, step)[name]
-        assert (closer, limit) == (pytest.approx(0.4 * skin), skin)
-        assert left == pytest.approx(6.0)
-        assert steps(moved, step, reserve=2.0)[name][0] == pytest.approx(3.0)
+        assert (closer, limit) == (pytest.approx(0.4 * skin), lists[name].skin)
+        further = 10 * lists[name].skin / skin - 4  # steps: along the walls particles may go further
+        assert left == pytest.approx(further)
+        assert steps(moved, step, reserve=2.0)[name][0] == pytest.approx(further / 2)
+    assert lists["water-tank"].skin == pytest.approx(surroundings.SKIN_BETWEEN_SETS * skin)
     # All of the water goes the same way: it comes closer to the tank alone.
     moved = {**positions, "water": positions["water"] + 0.4 * skin}
     rounding = 1e-15  # of positions of up to a meter

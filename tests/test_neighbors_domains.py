@@ -71,3 +71,25 @@ def test_a_domain_with_far_too_many_cells_is_searched_with_fewer():
     assert pairs_of(neighbor_list(domain, 0.2).allocate(positions)) == all_pairs(
         domain, positions, positions, 0.2, same=True
     )
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_neighbors_of_particles_that_left_the_box_are_found_and_they_do_not_crowd(dimension):
+    """They flow out of the box to three times its length on either side, and some of them above it."""
+    domain, box = Domain((-4.0,) * dimension, (5.0,) * dimension), ((0.0,) * dimension, (1.0,) * dimension)
+    rng = np.random.default_rng(8)
+    low, high = (-3.0,) + (0.0,) * (dimension - 1), (4.0,) + (1.2,) * (dimension - 1)
+    positions, others = (jnp.asarray(rng.uniform(low, high, (n, dimension)).T) for n in (700, 300))
+    search = neighbor_list(domain, 0.15, 0.02, box=box)
+    inside = jnp.asarray(rng.uniform(0, 1, (700, dimension)).T)
+    assert search.grid.repeats(0)
+    neighbors = search.update(positions, search.template(positions))
+    raise_if_wrong(neighbors)
+    assert pairs_of(neighbors) == all_pairs(domain, positions, positions, 0.17, same=True)
+    # Spread over seven boxes that are laid over each other, they are as dense as in one.
+    assert int(neighbors.needed_range[0]) < 2 * int(search.allocate(inside).needed_range[0])
+    for near_only in (False, True):
+        template = search.template(positions, others, near_only=near_only)
+        assert pairs_of(search.update(positions, template, others)) == all_pairs(
+            domain, positions, others, 0.17, same=False
+        )

@@ -17,6 +17,7 @@ Box = tuple[tuple[float, ...], tuple[float, ...]]
 
 CELLS_AT_MOST = 2**20  # more would cost more to count than they save; 4 MB
 BLOCK = 16  # of a cumulative sum
+REPEATED = 16.0  # times the box: so far beyond it the rounding of coordinates in float32 is within the margin of cells
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +36,8 @@ class CellGrid:
         spans: how many cells the reach extends over, along each axis.
         along: the axis of the rows.
         lower, lengths: of the box that the cells divide, as large as the domain or smaller. Particles beyond it
-            belong to the outermost cells: their neighbors are found too, but no faster than those of a crowd.
+            belong to cells in it: across the rows as if the box were repeated, along them to the outermost ones. Their
+            neighbors are found too, among candidates from both places.
     """
 
     domain: Domain
@@ -89,6 +91,15 @@ class CellGrid:
         """The axes across the rows."""
         return tuple(axis for axis in range(self.domain.dimension) if axis != self.along)
 
+    def repeats(self, axis: int) -> bool:
+        """Whether the box is repeated along a free axis: water that has left it is not all in one cell then."""
+        beyond = self.lengths[axis] < self.domain.lengths[axis] <= REPEATED * self.lengths[axis]
+        return beyond and not self.domain.periodic[axis]
+
+    def closes(self, axis: int) -> bool:
+        """Whether the last row of cells across an axis is beside the first one."""
+        return self.domain.periodic[axis] or (axis != self.along and self.repeats(axis))
+
     @property
     def goes_round(self) -> bool:
         """Whether a particle's candidates in a row can be two ranges, one at each end of a periodic row."""
@@ -100,7 +111,7 @@ class CellGrid:
         steps = []
         for axis in self.across:
             span, cells = self.spans[axis], self.cells[axis]
-            if self.domain.periodic[axis] and 2 * span + 1 >= cells:
+            if self.closes(axis) and 2 * span + 1 >= cells:
                 steps.append(range(cells))  # every cell is near, each must come once
             else:
                 steps.append(range(-min(span, cells - 1), min(span, cells - 1) + 1))
@@ -111,7 +122,10 @@ class CellGrid:
         rows = []
         for axis, x in enumerate(self.domain.wrap(positions)):
             scaled = (x - self.lower[axis]) * (self.cells[axis] / self.lengths[axis])
-            clipped = jnp.clip(jnp.floor(scaled), 0, self.cells[axis] - 1)  # before the conversion: it can overflow
+            number = jnp.floor(scaled)
+            if self.closes(axis) and not self.domain.periodic[axis]:
+                number = jnp.mod(number, self.cells[axis])
+            clipped = jnp.clip(number, 0, self.cells[axis] - 1)  # before the conversion: it can overflow
             rows.append(jnp.clip(clipped.astype(jnp.int32), 0, self.cells[axis] - 1))
         return jnp.stack(rows)
 
@@ -136,7 +150,7 @@ class CellGrid:
         order = (*self.across, self.along)
         near = taken[:-1].reshape([self.cells[axis] for axis in order])
         for place, axis in enumerate(order):
-            near = _dilated(near, place, self.spans[axis], periodic=self.domain.periodic[axis])
+            near = _dilated(near, place, self.spans[axis], periodic=self.closes(axis))
         return near.reshape(-1).at[self.number(self.coordinates(positions))].get(mode="promise_in_bounds")
 
     def ranges(self, coordinates: Int[Array, "d n"], starts: Int[Array, " cells_and_one"]):
@@ -180,7 +194,7 @@ class CellGrid:
         for number, axis in enumerate(self.across):
             cells = self.cells[axis]
             c = coordinates[axis] + steps[:, number, None]
-            if self.domain.periodic[axis]:
+            if self.closes(axis):
                 c = jnp.where(c < 0, c + cells, jnp.where(c >= cells, c - cells, c))
             else:
                 exists &= (c >= 0) & (c < cells)

@@ -47,7 +47,7 @@ def closing(neighbors: NeighborList, ways: Float[Array, "d n"], sender_ways: Any
         largest = largest.at[:, *_region_of(neighbors, part.reference)].max(both)
     everywhere = jnp.max(largest, axis=range(1, d + 1))
     for axis in range(d):
-        largest = _around(largest, axis + 1, periodic=neighbors.grid.domain.periodic[axis])
+        largest = _around(largest, axis + 1, periodic=_closes(neighbors.grid, axis))
     return Closing(_diagonal(largest.reshape(2 * d, -1)), _diagonal(everywhere))
 
 
@@ -56,8 +56,8 @@ def far_enough(neighbors: NeighborList) -> float:
     grid = neighbors.grid
     edges = [
         length / count
-        for length, count, periodic in zip(grid.lengths, _regions(neighbors), grid.domain.periodic, strict=True)
-        if count > (3 if periodic else 2)
+        for axis, (length, count) in enumerate(zip(grid.lengths, _regions(neighbors), strict=True))
+        if count > (3 if _closes(grid, axis) else 2)
     ]
     return min(edges, default=float("inf")) - neighbors.cutoff
 
@@ -68,13 +68,19 @@ def _regions(neighbors):
     return tuple(max(1, int(length / (EDGE * grid.reach))) for length in grid.lengths)
 
 
+def _closes(grid, axis):
+    return grid.domain.periodic[axis] or grid.repeats(axis)
+
+
 def _region_of(neighbors, positions):
-    """The region of particles, an index for each axis. Who is beyond the box belongs to the outermost."""
+    """The region of particles, an index for each axis. Who is beyond the box belongs to one in it, as in `CellGrid`."""
     grid = neighbors.grid
     found = []
     for axis, (x, count) in enumerate(zip(grid.domain.wrap(positions), _regions(neighbors), strict=True)):
-        scaled = (x - grid.lower[axis]) * (count / grid.lengths[axis])
-        found.append(jnp.clip(jnp.floor(scaled), 0, count - 1).astype(jnp.int32))
+        number = jnp.floor((x - grid.lower[axis]) * (count / grid.lengths[axis]))
+        if grid.repeats(axis):
+            number = jnp.mod(number, count)
+        found.append(jnp.clip(number, 0, count - 1).astype(jnp.int32))
     return tuple(found)
 
 

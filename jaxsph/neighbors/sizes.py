@@ -59,7 +59,7 @@ def _widths(grid, receivers, senders):
         shifted, exists = [], np.ones_like(along, bool)
         for coordinate, step, axis in zip(across, steps, grid.across, strict=True):
             cells, moved = grid.cells[axis], coordinate + step
-            if not grid.domain.periodic[axis]:
+            if not grid.closes(axis):
                 exists &= (moved >= 0) & (moved < cells)
             shifted.append(moved % cells)
         row = _row(grid, shifted) * n_along
@@ -80,8 +80,10 @@ def _coordinates(grid, positions):
     """Cells across (a list, one array for each axis) and along the rows."""
     rows = []
     for axis, x in enumerate(_wrapped(grid, positions)):
-        scaled = (x - grid.lower[axis]) * (grid.cells[axis] / grid.lengths[axis])
-        rows.append(np.clip(np.floor(scaled), 0, grid.cells[axis] - 1).astype(np.int64))
+        number = np.floor((x - grid.lower[axis]) * (grid.cells[axis] / grid.lengths[axis]))
+        if grid.closes(axis) and not grid.domain.periodic[axis]:
+            number = np.mod(number, grid.cells[axis])
+        rows.append(np.clip(number, 0, grid.cells[axis] - 1).astype(np.int64))
     return [rows[axis] for axis in grid.across], rows[grid.along]
 
 

@@ -110,6 +110,7 @@ class Peer(ABC):
     """Another code in a process of its own, timed in turn with ours; or the reason why it is not."""
 
     package, program, precision = "", "", ""
+    step = 1.0  # of ours
 
     def __init__(self, case: Case, dam: Dam, folder: Path):
         self.case, self.dam, self.folder = case, dam, folder
@@ -152,6 +153,7 @@ class Peer(ABC):
 
 class PySPH(Peer):
     package, program, precision = "pysph", "pysph_dam.py", "float64"
+    step = PYSPH_STEP
 
     def __init__(self, case: Case, dam: Dam, folder: Path):
         scene = dam.scene
@@ -231,6 +233,9 @@ def rows_of(case: Case, precision: str, dams: dict[str, Dam], peers: list[Peer])
         ratio = timing.over(ours.timing()) * ours.particles / particles
         figure = f"speed / speed of {type(peer).__name__}"
         made.append(row(*about, figure, ratio, "times", ours.resolution, precision))
+        if peer.step != 1:
+            figure = f"simulated time in the same time / that of {type(peer).__name__}"
+            made.append(row(*about, figure, ratio / peer.step, "times", ours.resolution, precision))
     return made
 
 
