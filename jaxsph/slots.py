@@ -219,6 +219,12 @@ def _over_used(f, particles, edge, neighbors, constants, signs, derivative, tran
     return jax.tree.unflatten(structure, [joined(totals, shape.shape) for shape in shapes])
 
 
+def in_tiles(neighbors, edge) -> bool:
+    """Whether the receivers of a list go through its slots so many at a time."""
+    n = neighbors.indices.shape[1]
+    return not jax.tree.leaves(edge) and _width_of_tiles(n) < n
+
+
 def _width_of_tiles(n):
     """The number of receivers in a tile: as few tiles as TILE allows, of about the same size."""
     tiles = max(1, math.ceil(n / TILE))

@@ -115,14 +115,16 @@ def test_tiles_of_receivers_change_nothing(sets, tile, monkeypatch):
     x, y = (jnp.asarray(draw.uniform(0, 2, (2, n))) for n in (330, 250))
     neighbors = list_of(np.asarray(x)) if sets == "one" else list_of(np.asarray(x), np.asarray(y))
 
-    def loss(x, y):
+    def loss(x, y, forward_mode=False):
         of_pair = lambda a, b: (a - b) / (1 + dot(a - b, a - b)) * a[0] * b[1] ** 2  # noqa: E731
-        return weighted(pair_sum(of_pair, x, x if sets == "one" else y, neighbors))
+        return weighted(pair_sum(of_pair, x, x if sets == "one" else y, neighbors, forward_mode=forward_mode))
 
     def everything(x, y):
         slopes = jax.grad(loss, argnums=(0, 1))
         many = jax.vmap(slopes)(jnp.stack([x, 2 * x]), jnp.stack([y, y]))
-        return loss(x, y), slopes(x, y), jax.jvp(loss, (x, y), (y[:, :1] * x, jnp.sin(y)))[1], many
+        along = (x, y), (y[:, :1] * x, jnp.sin(y))
+        tangents = [jax.jvp(partial(loss, forward_mode=mode), *along)[1] for mode in (False, True)]
+        return loss(x, y), slopes(x, y), tangents, many
 
     whole = jax.jit(everything)(x, y)
     monkeypatch.setattr(slots, "TILE", tile)

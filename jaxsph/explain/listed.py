@@ -27,6 +27,10 @@ SMALL = 1e-3
 """A relative error below which an effect counts as one that could be left out."""
 
 
+WAVE = (2 * math.pi) ** 2
+"""exp(-nu k^2 t) with k = 2 pi / L, after t = L / U."""
+
+
 def listed(facts: Facts) -> list[Finding]:
     """What is on: what the systems, the density and the effects of a scene bring along."""
     scene, found = facts.scene, []
@@ -123,11 +127,13 @@ def spare(facts: Facts) -> list[Finding]:
         why = f"the viscous layer is {_layer(facts)}, which particles cannot show"
         error = facts.layer / facts.length
         found.append(Finding(f"no slip of {wall.name}", why, error, "L / sqrt(Re) / L of the flow", finding.LAYER))
-    if facts.viscosity and 1 / facts.reynolds < SMALL and (thin or not sticking):
+    lost = WAVE / facts.reynolds if facts.viscosity else 0.0
+    if facts.viscosity and lost < SMALL and (thin or not sticking):
         why = f"Re = {facts.reynolds:.3g}"
         if facts.numerical_viscosity > facts.viscosity:
             why += f", and artificial viscosity is {facts.numerical_viscosity / facts.viscosity:.2g} times as large"
-        found.append(Finding("viscosity", why, 1 / facts.reynolds, "1 / Re of the inertia"))
+        formula = "(2 pi)^2 / Re, the speed that a shear wave as long as L loses in L / U"
+        found.append(Finding("viscosity", why, lost, formula, finding.LAYER))
     if facts.numerical_viscosity and facts.viscosity > 2 * facts.numerical_viscosity:
         share = facts.numerical_viscosity / facts.viscosity
         why = "the viscosity of the fluid does more; without it the fluid is less viscous"

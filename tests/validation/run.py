@@ -18,6 +18,7 @@ jax.config.update("jax_enable_x64", True)
 import cost  # noqa: E402
 import coupled  # noqa: E402
 import coupled_fits  # noqa: E402
+import estimates  # noqa: E402
 import fits  # noqa: E402
 import flows  # noqa: E402
 import gradient  # noqa: E402
@@ -49,6 +50,7 @@ GROUPS = (
     spheres,
     schemes,
     time_step,
+    estimates,
 )
 CASES: list[Case] = [case for group in GROUPS for case in group.CASES]
 
