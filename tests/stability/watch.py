@@ -124,9 +124,9 @@ def lowest_determinant(scene, name: str) -> Callable:
 def alternation(structure) -> Callable:
     """Measure: the largest displacement that alternates from particle to particle along an axis [m], of a lattice.
 
-    The sixth difference over 64 is 1 for (-1)^i and (k dx)^6 / 64 for a wave, next to nothing; on axes of 5 or 6
+    The sixth difference over 64 is 1 for (-1)^i and (k dx)^6 / 64 for a wave, next to nothing; on axes of 5 or 6 free
     particles the fourth over 16. Shorter ones are left out, as are differences that reach into the clamp, where the
-    bending moment begins.
+    bending moment begins. ValueError if nothing is left.
     """
     place = np.asarray(structure.particles.positions, float)
     rounded = np.round(place / (1e-3 * structure.particles.spacing)).astype(np.int64)
@@ -134,16 +134,21 @@ def alternation(structure) -> Callable:
     others = tuple(len(np.unique(rounded[:, axis])) for axis in range(1, place.shape[1]))
     order = np.lexsort([place[:, 0], *rounded.T[:0:-1]])
     order = np.moveaxis(order.reshape(*others, -1), -1, 0)
-    free, shape = ~np.asarray(structure.clamped)[order], order.shape
+    free, chosen = ~np.asarray(structure.clamped)[order], []
+    for axis, count in enumerate(order.shape):
+        for times in (6, 4):
+            if count > times:
+                windows = np.lib.stride_tricks.sliding_window_view(free, times + 1, axis=axis).all(axis=-1)
+                if windows.any():
+                    chosen.append((axis, times, windows))
+                    break
+    if not chosen:
+        raise ValueError(f"{structure.name!r} has no row of five free particles: alternation cannot be seen")
 
     def largest(state):
         moved = state.systems[structure.name]["displacement"][order]
         found = jnp.zeros((), moved.dtype)
-        for axis, count in enumerate(shape):
-            times = 6 if count >= 7 else 4
-            if count < 5:
-                continue
-            windows = np.asarray(np.lib.stride_tricks.sliding_window_view(free, times + 1, axis=axis).all(axis=-1))
+        for axis, times, windows in chosen:
             part = jnp.abs(jnp.diff(moved, times, axis=axis)) / 2**times
             found = jnp.maximum(found, jnp.max(jnp.where(windows[..., None], part, 0.0)))
         return found
