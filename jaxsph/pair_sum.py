@@ -12,7 +12,8 @@ pairs and never stores them. If the physics is symmetric or antisymmetric, f(b, 
 (df(a_k, b_l)/da)^T (c_k + s c_l), which halves the work. The rule is a `custom_jvp` whose tangent is a
 `linear_call` with this transpose, which gives `jvp`, `grad`, `vmap` and forward over reverse mode from one
 definition. With `forward_mode=True` the rule is left out and JAX differentiates the loop itself, values and
-tangents in one pass: cheaper when only `jvp` is asked for, and differentiable to any order.
+tangents in one pass: cheaper when only `jvp` is asked for, and differentiable to any order. Sums in tiles keep the
+rule: the loop would have to go over all receivers at once.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ def ways(positions, kind, seed):
     ("dimension", "periodic", "box"),
     [
         (2, (False, False), None),
-        (2, (False, False), ((0.1, 0.3), (0.55, 0.75))),  # which most of the particles have left
+        (2, (False, False), ((0.1, 0.05), (0.85, 0.8))),  # of 4 x 4 regions, which half of the particles have left
         (2, (True, False), None),
         (3, (True, True, True), None),
     ],
@@ -54,6 +54,20 @@ def test_no_pair_is_missed_as_long_as_none_came_closer_than_the_skin(dimension, 
         meet = set(all_pairs(wide, after[0], after[-1], CUTOFF, same=sets == "one"))
         assert meet <= set(pairs_of(neighbors))
         assert meet, "some pairs are within the cutoff"
+
+
+def test_particles_on_both_sides_of_an_end_of_the_box_are_seen_to_close():
+    """Their regions are the last and the first of it; everybody else stays."""
+    domain, inside = Domain((-4, -4), (5, 5)), np.array([[0.2, 0.2], [0.6, 0.8]])
+    for axis in (0, 1):
+        pair = np.full((2, 2), 0.5)
+        pair[axis] = 0.98, 1.05
+        positions = jnp.asarray(np.concatenate([pair, inside], axis=1))
+        ways = jnp.zeros((2, 4)).at[axis, :2].set(jnp.array([0.015, -0.015]))
+        neighbors = neighbor_list(domain, CUTOFF, SKIN, box=((0.0, 0.0), (1.0, 1.0))).allocate(positions)
+        assert pairs_of(neighbors) == {(0, 1), (1, 0)}
+        found = closing(neighbors, ways)
+        assert float(found.near.max()) == pytest.approx(0.03)  # .015 each, towards each other
 
 
 def test_particles_that_go_together_do_not_close():

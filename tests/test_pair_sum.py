@@ -130,6 +130,8 @@ def test_tiles_of_receivers_change_nothing(sets, tile, monkeypatch):
     monkeypatch.setattr(slots, "TILE", tile)
     text = jax.jit(lambda *both: everything(*both)).lower(x, y).as_text()
     assert "dynamic_update_slice" in text, "tiles were used"
+    forward = lambda x, y: jax.jvp(partial(loss, forward_mode=True), (x, y), (x, y))[1]  # noqa: E731
+    assert "dynamic_update_slice" in jax.jit(forward).lower(x, y).as_text(), "and also where it is asked for a loop"
     for got, expected in zip(
         jax.tree.leaves(jax.jit(lambda *both: everything(*both))(x, y)), jax.tree.leaves(whole), strict=True
     ):

@@ -123,7 +123,7 @@ class CellGrid:
         for axis, x in enumerate(self.domain.wrap(positions)):
             scaled = (x - self.lower[axis]) * (self.cells[axis] / self.lengths[axis])
             number = jnp.floor(scaled)
-            if self.closes(axis) and not self.domain.periodic[axis]:
+            if self.closes(axis):
                 number = jnp.mod(number, self.cells[axis])
             clipped = jnp.clip(number, 0, self.cells[axis] - 1)  # before the conversion: it can overflow
             rows.append(jnp.clip(clipped.astype(jnp.int32), 0, self.cells[axis] - 1))

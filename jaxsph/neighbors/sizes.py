@@ -81,7 +81,7 @@ def _coordinates(grid, positions):
     rows = []
     for axis, x in enumerate(_wrapped(grid, positions)):
         number = np.floor((x - grid.lower[axis]) * (grid.cells[axis] / grid.lengths[axis]))
-        if grid.closes(axis) and not grid.domain.periodic[axis]:
+        if grid.closes(axis):
             number = np.mod(number, grid.cells[axis])
         rows.append(np.clip(number, 0, grid.cells[axis] - 1).astype(np.int64))
     return [rows[axis] for axis in grid.across], rows[grid.along]

@@ -31,7 +31,7 @@ SMOOTHING = 1.3  # smoothing length in spacings: PySPH's
 ALPHA = 0.1  # of the artificial viscosity
 LENGTH, HEIGHT, COLUMN = 3.2196, 1.8, (1.2, 0.6)
 STEPS_OF_SAVE = 64
-ROUNDS = 3
+ROUNDS = 5
 PYSPH_STEP = 0.25  # of ours, at which its particles fly apart; steps are what is counted
 UNIT = "M particle-steps/s"
 

@@ -151,7 +151,7 @@ def calls(case: Fluid) -> dict[tuple[str, str], tuple[Any, float]]:
     viscosity = jnp.asarray(VISCOSITY, case.fields["position"].dtype)
     arguments = (case.fields, viscosity, case.neighbors)
     usual = derivatives(partial(ours, case, symmetry=SYMMETRY), *arguments)
-    # simulate(mode="forward") differentiates the loop itself, so that is our jvp.
+    # simulate(mode="forward") differentiates the loop itself where it is not in tiles, so that is our jvp.
     forward_mode = derivatives(partial(ours, case, forward_mode=True), *arguments)
     unstated = derivatives(partial(ours, case), *arguments)
     first = {name: field.T for name, field in case.fields.items()}

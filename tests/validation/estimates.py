@@ -88,7 +88,7 @@ def dam_break(quick: bool) -> Iterator[list[Row]]:
             yield rows("fastest water [m/s]", fastest, speed, ORDER, where)
             deviation = np.max(np.abs(np.asarray(run["water"]["density_deviation"], float)))
             density = error_of(explained.on, "ContinuityDensity")
-            yield rows("change of the density", float(deviation) / 1000.0, density, ORDER, where)
+            yield rows("change of the density", float(deviation) / scene["water"].density, density, ORDER, where)
         # In L / U from the moment at which water falls.
         index = int(np.argmin(np.abs(np.asarray(run.times, float) - height / speed)))
         position, velocity = fields_at(run, "water", index)
