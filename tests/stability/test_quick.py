@@ -15,10 +15,11 @@ from any_step import any_step  # noqa: E402
 from columns import RAMP, SMALLER, gripped  # noqa: E402
 from rows import Case, Row, as_record, holds  # noqa: E402
 from tension import JET_LENGTH, JET_SPEED, JET_WIDTH, two_jets  # noqa: E402
-from watch import lowest_determinant, rise, rows_of, watch  # noqa: E402
+from watch import alternation, lowest_determinant, rise, rows_of, watch  # noqa: E402
 
 import jaxsph  # noqa: E402
 from jaxsph.dynamics import SAFETY  # noqa: E402
+from jaxsph.pytree import replace  # noqa: E402
 
 WHERE = ("quick", "float32")
 
@@ -27,6 +28,24 @@ def missed(rows: list[Row]) -> list[dict]:
     """The rows that miss their limit."""
     case = Case("quick", "quick", lambda quick: iter(()))
     return [record for record in (as_record(case, row, 0.0) for row in rows) if not holds(record)]
+
+
+@pytest.mark.parametrize("free", [8, 6, 5])
+def test_alternation_is_measured_in_short_rows_and_none_is_taken_for_zero(free):
+    """A row of particles at the end of a clamp; displaced by turns, by a thousandth."""
+    row = jaxsph.box((0, 0), (0.1 * (free + 3), 0.2), 0.1, dtype=np.float64)
+    place = np.asarray(row.positions)
+
+    def plate(clamped):
+        return jaxsph.Structure("plate", row, density=1.0, youngs_modulus=1.0, poisson_ratio=0.3, clamped=clamped)
+
+    structure = plate(place[:, 0] < 0.3)
+    state = jaxsph.initial_state(jaxsph.Scene(structure))
+    turns = 1e-3 * (-1.0) ** np.round(place / 0.1 - 0.5)[:, :1] * np.array([0.0, 1.0])
+    moved = replace(state, systems={"plate": {**state.systems["plate"], "displacement": turns}})
+    assert float(alternation(structure)(moved)) == pytest.approx(1e-3)
+    with pytest.raises(ValueError, match="no row of five"):
+        alternation(plate(place[:, 0] < 0.1 * (free + 3) - 0.4))
 
 
 def test_jets_that_hit_each_other_lose_energy_and_stay_dense():
