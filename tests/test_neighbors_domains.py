@@ -93,7 +93,8 @@ def test_neighbors_of_particles_that_left_the_box_are_found_and_they_do_not_crow
     few = jnp.full((dimension, 2), 0.6).at[0].set(jnp.array([1.02, -1.98]))  # just beyond an end: in the first cells
     rows = search.update(positions, search.template(positions, few, near_only=True), few)
     raise_if_wrong(rows)
-    here, there = (np.asarray(part.members) for part in (rows, rows.transpose))
+    assert rows.members is not None and rows.transpose is not None and rows.transpose.members is not None
+    here, there = np.asarray(rows.members), np.asarray(rows.transpose.members)
     found = {(int(here[i]), int(there[j])) for i, j in pairs_of(rows)}
     assert found == all_pairs(domain, positions, few, 0.17, same=False)
     assert 0 < int(rows.needed_members) < 700, "only some are near"
