@@ -350,8 +350,9 @@ def fluid_time_step(scene, fluid):
 
     Sound: 1.1 h / c, where the fastest standing wave of disordered particles turns by 2 in a step. Viscosity: as the
     explicit diffusion of a wave that alternates from particle to particle, h^2 / (4 nu). SOUND_LIMIT leaves room below
-    the first: four scenes gained no energy up to 1.4 h / c (F35 in docs/validation.md). The second is not swept. A
-    damper: .8 h / (alpha c); a dam break at 20 over the height blew up at 1.44 h / (alpha c).
+    the first: a rotating square whose arms are under tension gains energy at 1.1 h / c, four other scenes none up to
+    1.4 (F35 in docs/validation.md). The second is not swept. A damper: .8 h / (alpha c); a dam break at 20 over the
+    height blew up at 1.44 h / (alpha c).
     """
     h = scene.smoothing_length
     limit = jnp.asarray(SOUND_LIMIT * h / fluid.sound_speed)
