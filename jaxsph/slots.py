@@ -17,9 +17,13 @@ import jax.numpy as jnp
 from jaxsph.components import components, in_components
 from jaxsph.pytree import pytree_dataclass, replace
 
-UNROLL_FROM, UNROLL = 8192, 4
-"""From this many particles on, the forward loop does 4 slots in a turn, which lets XLA use both cores; below, one slot
-a turn is faster. Measured in tests/benchmarks."""
+UNROLL_FROM, UNROLL = 3000, 4
+"""From this many particles on, the forward loop over lists that change does 4 slots in a turn, which lets XLA use both
+cores; below, one slot a turn is faster. A dam break's step of 5,000 to 6,000 particles is 1.4 to 1.6 times as fast as
+with one, of 3,200 between nothing and a third."""
+
+UNROLL_LATE = 8192
+"""From this many on the other loops do several: those over the edges of solids, over tangents and over adjoints."""
 
 UNROLL_DERIVATIVE, UNROLL_DERIVATIVE_UP_TO = 2, 40_000
 """The loops over tangents and adjoints carry more: 2 slots in a turn are faster by a quarter at 10,000 particles and no
@@ -162,7 +166,7 @@ def _over_fixed(f, particles, edge, neighbors, constants, signs, derivative):
     slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices)
     slots = (*slots, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), edge))
     totals = [jnp.zeros(shape.shape, shape.dtype) for shape in shapes]
-    totals, _ = jax.lax.scan(add_slot, totals, slots, unroll=min(_slots_in_a_turn(n, derivative), n_slots))
+    totals, _ = jax.lax.scan(add_slot, totals, slots, unroll=min(_slots_in_a_turn(n, derivative, UNROLL_LATE), n_slots))
     return jax.tree.unflatten(structure, totals)
 
 
@@ -177,7 +181,8 @@ def _over_used(f, particles, edge, neighbors, constants, signs, derivative, tran
     batched = jax.vmap(of_components)
     n_slots, n = neighbors.indices.shape
     width = n if transposable else _width_of_tiles(n)
-    unroll = min(_slots_in_a_turn(width, derivative), n_slots)
+    late = derivative or transposable
+    unroll = min(_slots_in_a_turn(width, derivative, UNROLL_LATE if late else UNROLL_FROM), n_slots)
     whole = n_slots % unroll == 0 or transposable
     masked = [
         signs is None or signs[leaf] != -1 or not whole
@@ -265,8 +270,8 @@ def joined(parts, shape):
     return jnp.stack([joined(parts, shape[1:]) for _ in range(shape[0])]) if shape else next(parts)
 
 
-def _slots_in_a_turn(n_particles: int, derivative: bool) -> int:
-    if n_particles < UNROLL_FROM:
+def _slots_in_a_turn(n_particles: int, derivative: bool, several_from: int) -> int:
+    if n_particles < several_from:
         return 1
     if not derivative:
         return UNROLL

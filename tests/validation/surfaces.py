@@ -230,6 +230,7 @@ def wall_pressure(quick: bool) -> Iterator[list[Row]]:
         (40, np.float64, damped, ", AcousticDamper"),
         (40, np.float32, usual, ""),
         (80, np.float32, damped, ", AcousticDamper"),
+        (40, np.float32, [*damped, jaxsph.WallRepulsion()], ", AcousticDamper, WallRepulsion"),
     ]
     for particles, dtype, effects, label in [(20, *runs[0][1:])] if quick else runs:
         scene = jaxsph.scenes.dam_break(particles, height=height, dtype=dtype, effects=effects)
