@@ -351,14 +351,17 @@ def fluid_time_step(scene, fluid):
     Sound: 1.1 h / c, where the fastest standing wave of disordered particles turns by 2 in a step. Viscosity: as the
     explicit diffusion of a wave that alternates from particle to particle, h^2 / (4 nu). SOUND_LIMIT leaves room below
     the first: a rotating square whose arms are under tension gains energy at 1.1 h / c, four other scenes none up to
-    1.4 (F35 in docs/validation.md). The second is not swept. A damper: .8 h / (alpha c); a dam break at 20 over the
-    height blew up at 1.44 h / (alpha c).
+    1.4 (F35 in docs/validation.md). The second is not swept.
+
+    A damper takes the share alpha (h / c) w^2 of its speed from a standing wave of the frequency w, by the rate of the
+    step before. With that a kick-drift-kick of the step dt is stable while (w dt)^2 + 2 alpha (h / c) w^2 dt < 4; if
+    the fastest wave allows dt = S h / c without a damper, that is dt = (sqrt(alpha^2 + S^2) - alpha) h / c.
     """
     h = scene.smoothing_length
     limit = jnp.asarray(SOUND_LIMIT * h / fluid.sound_speed)
     damper = scene.effect(AcousticDamper)
     if damper is not None:
-        limit = limit / jnp.maximum(damper.alpha, 1.0)
+        limit = (jnp.sqrt(damper.alpha**2 + SOUND_LIMIT**2) - damper.alpha) * h / fluid.sound_speed
     if fluid.viscosity is not None:
         nu = fluid.viscosity / fluid.density
         limit = jnp.minimum(limit, VISCOUS_LIMIT * h**2 / jnp.maximum(nu, jnp.finfo(scene.dtype).tiny))

@@ -19,10 +19,9 @@ from jaxsph.pytree import pytree_dataclass, replace
 
 UNROLL_FROM, UNROLL = 3000, 4
 """From this many particles on, the forward loop over lists that change does 4 slots in a turn, which lets XLA use both
-cores; below, one slot a turn is faster. A dam break's step of 5,000 to 6,000 particles is 1.4 to 1.6 times as fast as
-with one, of 3,200 between nothing and a third."""
+cores; below, one slot a turn is faster. Measured in tests/benchmarks, as are the next two."""
 
-UNROLL_LATE = 8192
+UNROLL_OTHERS_FROM = 8192
 """From this many on the other loops do several: those over the edges of solids, over tangents and over adjoints."""
 
 UNROLL_DERIVATIVE, UNROLL_DERIVATIVE_UP_TO = 2, 40_000
@@ -166,7 +165,8 @@ def _over_fixed(f, particles, edge, neighbors, constants, signs, derivative):
     slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices)
     slots = (*slots, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), edge))
     totals = [jnp.zeros(shape.shape, shape.dtype) for shape in shapes]
-    totals, _ = jax.lax.scan(add_slot, totals, slots, unroll=min(_slots_in_a_turn(n, derivative, UNROLL_LATE), n_slots))
+    unroll = min(_slots_in_a_turn(n, derivative, UNROLL_OTHERS_FROM), n_slots)
+    totals, _ = jax.lax.scan(add_slot, totals, slots, unroll=unroll)
     return jax.tree.unflatten(structure, totals)
 
 
@@ -181,8 +181,8 @@ def _over_used(f, particles, edge, neighbors, constants, signs, derivative, tran
     batched = jax.vmap(of_components)
     n_slots, n = neighbors.indices.shape
     width = n if transposable else _width_of_tiles(n)
-    late = derivative or transposable
-    unroll = min(_slots_in_a_turn(width, derivative, UNROLL_LATE if late else UNROLL_FROM), n_slots)
+    several_from = UNROLL_OTHERS_FROM if derivative or transposable else UNROLL_FROM
+    unroll = min(_slots_in_a_turn(width, derivative, several_from), n_slots)
     whole = n_slots % unroll == 0 or transposable
     masked = [
         signs is None or signs[leaf] != -1 or not whole
