@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 
 from jaxsph import PairList, pair_edges, pair_sum, slots
 from jaxsph.pair_sum import apply, dot, symmetry_error
+from jaxsph.pytree import replace
 
 CUTOFF = 0.45
 N = {"one": (40, 40), "two": (40, 25)}
@@ -137,6 +138,42 @@ def test_tiles_of_receivers_change_nothing(sets, tile, monkeypatch):
     ):
         # the same terms in the same order; XLA may contract products and sums in another way
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-14 * np.abs(expected).max() * 330)
+
+
+@pytest.mark.parametrize("several", [2, 100])
+@pytest.mark.parametrize(("sets", "sign"), [("one", None), ("one", 1), ("one", -1), ("two", None)])
+def test_several_slots_in_a_turn_change_nothing(sets, sign, several, monkeypatch):
+    """Values, tangents and adjoints; two by two, which leaves one of the slots over, and all of them in one turn."""
+    draw = np.random.default_rng(3)
+    x, y = (jnp.asarray(draw.uniform(0, 2, (2, n))) for n in (75, 50))
+    neighbors = list_of(np.asarray(x)) if sets == "one" else list_of(np.asarray(x), np.asarray(y))
+    # As full as a list can be: the turn that goes beyond the last slot must not take that one twice.
+    neighbors = replace(neighbors, indices=neighbors.indices[: int(neighbors.count.max())])
+    assert neighbors.indices.shape[0] % 2 == 1
+    # Zero for a particle with itself only where the sum is antisymmetric, so that empty slots have to be left out.
+    factor = {None: lambda a, b: a[0] * b[1] ** 2, 1: lambda a, b: a[0] * b[0], -1: lambda a, b: a[1] - b[1]}[sign]
+
+    def loss(x, y, forward_mode=False):
+        of_pair = lambda a, b: factor(a, b) / (1 + dot(a - b, a - b))  # noqa: E731
+        return weighted(
+            pair_sum(of_pair, x, x if sets == "one" else y, neighbors, symmetry=sign, forward_mode=forward_mode)
+        )
+
+    def everything(x, y):
+        slopes = jax.grad(loss, argnums=(0, 1))
+        tangents = [jax.jvp(partial(loss, forward_mode=mode), (x, y), (jnp.cos(x), y))[1] for mode in (False, True)]
+        return loss(x, y), slopes(x, y), tangents
+
+    one = jax.jit(everything)(x, y)
+    for name in ("UNROLL_FROM", "UNROLL_OTHERS_FROM"):
+        monkeypatch.setattr(slots, name, 1)
+    for name in ("UNROLL", "UNROLL_DERIVATIVE"):
+        monkeypatch.setattr(slots, name, several)
+    for got, expected in zip(
+        jax.tree.leaves(jax.jit(lambda *both: everything(*both))(x, y)), jax.tree.leaves(one), strict=True
+    ):
+        # the same terms in the same order; XLA may contract products and sums in another way
+        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-14 * np.abs(expected).max() * 75)
 
 
 def test_any_number_of_fields():
