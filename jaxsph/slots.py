@@ -19,7 +19,7 @@ from jaxsph.pytree import pytree_dataclass, replace
 
 UNROLL_FROM, UNROLL = 3000, 4
 """From this many particles on, the forward loop over lists that change does 4 slots in a turn, which lets XLA use both
-cores; below, one slot a turn is faster. Measured in tests/benchmarks, as are the next two."""
+cores; below, one slot a turn is faster. Measured by `make bench`, turns; the next two by pair_sum."""
 
 UNROLL_OTHERS_FROM = 8192
 """From this many on the other loops do several: those over the edges of solids, over tangents and over adjoints."""

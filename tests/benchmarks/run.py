@@ -24,7 +24,7 @@ from typing import Any
 from measure import machine, threads
 
 ROOT = Path(__file__).resolve().parents[2]
-PARTS = ("pair_sum", "neighbors", "structure", "dam_break", "modes", "reach", "coupled")
+PARTS = ("pair_sum", "neighbors", "structure", "dam_break", "modes", "reach", "turns", "coupled")
 PRECISIONS = ("float32", "float64")
 COLUMNS = (
     ("case", 30),

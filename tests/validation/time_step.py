@@ -40,8 +40,8 @@ def scenes(dtype) -> dict:
         "still water": (still, 1.0, 1000 * 9.81 * 0.9**2 / 2 * 0.01, 0.1),
         "stretching drop, no effects": (bare, 1.0, 1000 * np.pi / 4, 0.1),
         "rotating square, 40 x 40, to w t = 4": (square, 4.0, 1000 / 12, 0.8),
-        "the same, AcousticDamper(.5)": (damped(0.5), 4.0, 1000 / 12, 0.4),
-        "the same, AcousticDamper(1)": (damped(1.0), 4.0, 1000 / 12, 0.2),
+        "rotating square, AcousticDamper(.5)": (damped(0.5), 4.0, 1000 / 12, 0.4),
+        "rotating square, AcousticDamper(1)": (damped(1.0), 4.0, 1000 / 12, 0.2),
     }
 
 
