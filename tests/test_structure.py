@@ -165,8 +165,28 @@ def test_penalty_force_opposes_what_the_stress_does_not_see():
 
 
 @in_2d_and_3d
+def test_penalty_force_is_as_stiff_in_a_torn_body_as_in_one_at_rest(d):
+    """It is linear in the displacements, whatever they are; two particles may even be at the same place."""
+    body, penalty = block(d), sph.PenaltyForce(0.1)
+    found = topology(body)
+    ready = prepared(body, found, penalty=True)
+
+    def of_penalty(u):
+        elastic, total = acceleration(body, ready, u), acceleration(body, ready, u, penalty)
+        return np.asarray(total - elastic), np.abs(elastic).max()
+
+    torn = np.array(free_displacement(body, 1.0))
+    x = np.asarray(body.particles.positions)
+    torn[1] = x[0] + torn[0] - x[1]
+    torn, small = in_columns(torn, found), in_columns(free_displacement(body, 1e-3), found)
+    (alone, _), (base, size), (both, _) = of_penalty(small), of_penalty(torn), of_penalty(torn + small)
+    # 1e-14: the rounding of the elastic force, which is taken away, with some tens of neighbors
+    assert np.abs(both - base - alone).max() < 1e-14 * size < 1e-3 * np.abs(alone).max()
+
+
+@in_2d_and_3d
 def test_forces_conserve_linear_and_angular_momentum(d):
-    """Pairs are antisymmetric; the energy does not see rotations, and the penalty acts along the line of a pair."""
+    """Pairs are antisymmetric, and no energy sees rotations."""
     body = block(d, youngs_modulus=np.random.default_rng(0).uniform(5e5, 2e6, block(d).n_particles))
     found = topology(body)
     ready = prepared(body, found, penalty=True)
