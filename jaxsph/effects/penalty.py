@@ -39,7 +39,8 @@ class PenaltyForce:
         """Stiffness of the pair, and e."""
         stiffness = 0.5 * self.coefficient * edge["penalty_weight"] * (a["youngs_modulus"] + b["youngs_modulus"])
         # F X - x = H X - u, without the rounding of positions.
-        return stiffness, 0.5 * apply(a["displacement_gradient"] + b["displacement_gradient"], edge["reference"]) - moved
+        error = 0.5 * apply(a["displacement_gradient"] + b["displacement_gradient"], edge["reference"]) - moved
+        return stiffness, error
 
     def pair(self, a, b, moved, edge):
         """What a gets from b: a `force` (d,) [N], and a `stress` times volume (d, d) [N m]. In 2D per meter.

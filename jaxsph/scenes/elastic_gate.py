@@ -54,7 +54,7 @@ def elastic_gate(
         thickness, length: of the gate [m].
         outside: length of the floor behind the gate [m].
         smoothing: smoothing length in spacings of the water.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.05)`, and a
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(1)`, and a
             `KelvinVoigt` friction of a tenth of the spacing over the speed of p-waves in the gate: without it the
             water, which meets the gate once in a step of its own, feeds fast vibrations until the gate breaks.
         law: elastic law; None takes `StVenantKirchhoff()`.

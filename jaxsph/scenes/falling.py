@@ -180,7 +180,7 @@ def falling_column_on_beam(
         drop: from which it has fallen when it arrives at t = 0 [m].
         density, sound_speed: of the water; None takes ten times the speed with which its top reaches the floor.
         smoothing: smoothing length in spacings.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.05)`.
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(1)`.
         law: elastic law; None takes `StVenantKirchhoff()`.
         dtype: float32 or float64; None takes jax's default.
     """
@@ -212,7 +212,7 @@ def falling_column_on_beam(
         sound_speed=10 * math.sqrt(2 * GRAVITY * (drop + height - floor)) if sound_speed is None else sound_speed,
         velocity=(0.0, -math.sqrt(2 * GRAVITY * drop)),
     )
-    common = [DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(0.05)]
+    common = [DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(1.0)]
     return Scene(
         water,
         basin,

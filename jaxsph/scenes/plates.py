@@ -50,7 +50,7 @@ def dam_break_plate(
         density, sound_speed, viscosity: of the water; a sound speed of None is 20 sqrt(g height).
         thickness, length: of the plate [m].
         smoothing: smoothing length in spacings of the water.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.05)`.
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(1)`.
         law: elastic law; None takes `StVenantKirchhoff()`.
         dtype: float32 or float64; None takes jax's default.
     """
@@ -113,7 +113,7 @@ def water_column_on_plate(
         thickness, width: of the plate [m], multiples of its spacing.
         height: of the water [m].
         smoothing: smoothing length in spacings of the water.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.05)`, and a
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(1)`, and a
             `KelvinVoigt` friction of a tenth of the spacing over the speed of p-waves in the plate.
         dtype: float32 or float64; None takes jax's default.
     """
@@ -180,7 +180,7 @@ def dam_break_gate_plate(
         place: of its left face [m].
         sound_speed: of the water [m/s].
         smoothing: smoothing length in spacings of the water.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(0.05)`.
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(1)`.
         dtype: float32 or float64; None takes jax's default.
     """
     dam = dam_break_gate(spacing, sound_speed=sound_speed, smoothing=smoothing, dtype=dtype)
