@@ -14,8 +14,8 @@ from jaxsph.scene import Scene
 from jaxsph.scenes.tank_flow import GRAVITY
 
 PENALTY = 1.0
-"""Of what water strikes: with the .05 of beams that swing, a struck plate of 3 particles over the thickness alternates by
-8 % of its spacing, with 1 by .7 %. It bends .7 % less with 5 over the thickness; the stable step stays."""
+"""Of what water strikes: with the .05 of beams that swing, a struck plate of 3 particles over the thickness alternates
+by 8 % of its spacing, with 1 by .7 %. It bends .7 % less with 5 over the thickness; the stable step stays."""
 
 
 def rooted_plate(place: float, thickness: float, length: float, across: int, dtype=None) -> tuple[Particles, Any]:
