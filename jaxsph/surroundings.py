@@ -76,8 +76,22 @@ def allocate(
     for a, b in pairs_of(scene):
         wide = skin if a == b else SKIN_BETWEEN_SETS * skin
         search = neighbor_list(domain, reach if a == TOUCHING else cutoff, wide, capacity_multiplier, box=box)
-        lists[f"{a}-{b}"] = search.template(positions[a], None if a == b else positions[b], near_only=near_only)
+        crowd = None
+        if near_only and a != b and getattr(scene[b], "thickness", None) is not None:
+            crowd = _around(np.asarray(positions[b]), search.grid.reach, float(scene[a].particles.spacing), domain)
+        senders = None if a == b else positions[b]
+        lists[f"{a}-{b}"] = search.template(positions[a], senders, near_only=near_only, crowd=crowd)
     return lists
+
+
+def _around(plate: np.ndarray, reach: float, spacing: float, domain: Domain) -> np.ndarray | None:
+    """A lattice (d, M) [m] around and through a plate (d, N): the fluid that can be near it at once, on all sides."""
+    axes = [
+        np.arange(max(low - reach, least), min(high + reach, most), spacing)
+        for low, high, least, most in zip(plate.min(1), plate.max(1), domain.lower, domain.upper, strict=True)
+    ]
+    lattice = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
+    return lattice.astype(plate.dtype) if lattice.size else None
 
 
 def smallest_skin(scene, templates: dict) -> float:

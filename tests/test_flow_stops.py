@@ -35,6 +35,20 @@ def test_too_little_room_is_enlarged_in_a_plain_run_and_an_error_under_jit(scene
         jax.block_until_ready(jax.jit(of)(1.0))
 
 
+def test_a_thin_plate_that_water_will_surround_has_room_from_the_start():
+    """At the start no water is near it. Then it is wet all over, on both sides: a lattice of water through it."""
+    scene = sph.scenes.dam_break_plate(10, 3, dtype=np.float32)
+    found = sph.topologies(scene)
+    places = {system.name: jnp.asarray(system.particles.positions).T for system in scene.systems}
+    assert int(surroundings.rebuild(scene, found, places, [("water", "plate")])["water-plate"].needed_members) == 0
+    middle = jnp.mean(places["plate"], axis=1) - jnp.mean(places["water"], axis=1)
+    places["water"] = places["water"] + middle[:, None]
+    lists = surroundings.rebuild(scene, found, places, [("water", "plate")])
+    plate = lists["water-plate"].transpose
+    assert plate is not None and int(plate.needed_members) == scene["plate"].n_particles
+    assert not bool(lists["water-plate"].did_buffer_overflow)
+
+
 def test_lists_grow_by_more_each_time(scene, monkeypatch):
     asked, grow = [], plain_run._with_room
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from any_step import any_step
-from columns import gripped
+from columns import STRONG, gripped
 from rows import Case, Row, precision
 
 import jaxsph
@@ -36,6 +36,7 @@ def bodies(dtype) -> dict[str, tuple[jaxsph.Scene, float]]:
         "beam, 5 across": (jaxsph.scenes.turek_hron_beam(5, dtype=dtype), 0.4),
         "sheared block": (jaxsph.Scene(block, gravity=(20.0, 0.0, -20.0), effects=[jaxsph.PenaltyForce(0.05)]), 0.4),
         "column to 4 lengths": (gripped(4, dtype, 3.0, 0.0), 1.5),
+        f"column to 4 lengths, penalty {STRONG:g}": (gripped(4, dtype, 3.0, 0.0, STRONG), 1.5),
     }
 
 
