@@ -26,8 +26,9 @@ class PenaltyForce:
     as stiff in a body that is bent or torn as in one at rest.
 
     Attributes:
-        coefficient: alpha, not negative; .01 to .1 for what bends and swings. What is twisted or pressed together by
-            much needs 3 to 10: pressure within the body works against the force (docs/formulation.md).
+        coefficient: alpha, not negative; .01 to .1 for what bends and swings, 1 for what water strikes. What is twisted
+            or pressed together by much needs 3 to 20: pressure within the body works against the force (see
+            docs/formulation.md).
     """
 
     coefficient: float

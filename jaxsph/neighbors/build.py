@@ -21,9 +21,7 @@ from jaxsph.pytree import is_concrete, replace
 
 BUILDERS = ("cells", "jax-md")
 SPARE_ROWS = 32  # of a list of two sets whose rows are for particles near the other set
-EVERY_ROW = (
-    1024  # particles that all get a row: to make room later is to compile again, which takes most of a short run
-)
+EVERY_ROW = 1024  # so few all get one: to make room later is to compile again, most of the time of a short run
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,8 +67,8 @@ class NeighborSearch:
     ) -> NeighborList:
         """An empty list with the sizes of `allocate`, to be filled by `update`. Outside jit; compiles nothing.
 
-        Arguments and errors as of `allocate`. crowd: with near_only, where receivers may come to be around the senders
-        (d, M) [m]; there is room for them all at once.
+        Arguments and errors as of `allocate`. crowd: where receivers may come to be around the senders (d, M) [m], for
+        all of which there is room at once.
         """
         if not is_concrete(positions, senders):
             raise ValueError(
@@ -84,14 +82,14 @@ class NeighborSearch:
         raise_if_wrong(_noted_outside(blank, positions, senders, np))
         if self.builder == "jax-md":
             return blank
-        near_only = near_only and senders is not None
-        neighbors = self._blank(positions, senders, self._capacity(positions, senders, near_only, crowd))
-        if senders is not None:
-            back = self._capacity(senders, positions, near_only)
-            if near_only and crowd is not None:
-                back = _larger(back, self._capacity(senders, crowd, near_only))
-            neighbors = replace(neighbors, transpose=self._blank(senders, None, back))
-        return neighbors
+        if senders is None:
+            return self._blank(positions, None, self._capacity(positions, None, False))
+        forward, back = self._capacity(positions, senders, near_only), self._capacity(senders, positions, near_only)
+        if crowd is not None:
+            forward = _larger(forward, self._capacity(crowd, senders, near_only), positions.shape[1])
+            back = _larger(back, self._capacity(senders, crowd, near_only), senders.shape[1])
+        neighbors = self._blank(positions, None, forward)
+        return replace(neighbors, transpose=self._blank(senders, None, back))
 
     def update(
         self,
@@ -159,8 +157,8 @@ class NeighborSearch:
             )
         return positions
 
-    def _capacity(self, receivers, senders, near_only: bool, crowd=None) -> Capacity:
-        """Sizes for these positions with the reserve, and for those of a crowd of the same receivers."""
+    def _capacity(self, receivers, senders, near_only: bool) -> Capacity:
+        """Sizes for these positions with the reserve."""
         receivers = np.asarray(receivers)
         most = most_neighbors(self.grid, receivers, senders)
         width, width_round = widest_ranges(self.grid, receivers, receivers if senders is None else senders)
@@ -170,9 +168,6 @@ class NeighborSearch:
             others = np.asarray(senders)
             most = max(most, math.ceil(0.5 * most_neighbors(self.grid, others)))
             width, width_round = np.maximum((width, width_round), widest_ranges(self.grid, others, others))
-        if near_only and crowd is not None:
-            most = max(most, most_neighbors(self.grid, crowd, senders))
-            width, width_round = np.maximum((width, width_round), widest_ranges(self.grid, crowd, senders))
 
         def reserve(needed, limit):
             return max(min(math.ceil(needed * self.capacity_multiplier), limit), 1)
@@ -182,22 +177,19 @@ class NeighborSearch:
             reserve(width, n_senders),
             # Half of a range can lie at the far end, also if there are no particles yet.
             reserve(max(width_round, width // 2), n_senders) if self.grid.goes_round else 0,
-            self._rows(receivers, senders, crowd) if near_only else None,
+            self._rows(receivers, senders) if near_only else None,
         )
 
-    def _rows(self, receivers, senders, crowd=None) -> int:
+    def _rows(self, receivers, senders) -> int:
         """How many particles get a row: those near now with the reserve, and what can come near, up to half of all.
 
-        In small sets all: water that spreads wets a large part of the walls. Of a crowd only what of it is near.
+        In small sets all: water that spreads wets a large part of the walls.
         """
         n = receivers.shape[1]
-        near = math.ceil(number_near(self.grid, receivers, senders) * self.capacity_multiplier)
-        rows = max(near, min(senders.shape[1], n // 2)) + SPARE_ROWS
-        if crowd is not None:
-            rows = max(rows, math.ceil(1.1 * number_near(self.grid, crowd, senders)))
-        elif n <= EVERY_ROW:
-            rows = n
-        return min(n, rows)
+        if n <= EVERY_ROW:
+            return n
+        near = number_near(self.grid, receivers, senders)
+        return min(n, max(math.ceil(near * self.capacity_multiplier), min(senders.shape[1], n // 2)) + SPARE_ROWS)
 
     def _blank(self, positions, senders, capacity: Capacity) -> NeighborList:
         """A list of these sizes, still empty. Made with NumPy: nothing to compile."""
@@ -276,10 +268,11 @@ def search_of(neighbors: NeighborList) -> NeighborSearch:
     return NeighborSearch(grid.domain, neighbors.cutoff, neighbors.skin, 1.0, neighbors.builder, grid)
 
 
-def _larger(a: Capacity, b: Capacity) -> Capacity:
-    """Sizes that suffice for both."""
-    members = None if a.members is None or b.members is None else max(a.members, b.members)
-    return Capacity(max(a.slots, b.slots), max(a.range, b.range), max(a.range_round, b.range_round), members)
+def _larger(a: Capacity, b: Capacity, n_receivers: int) -> Capacity:
+    """Sizes that suffice for both, of lists of so many receivers."""
+    sizes = [max(getattr(a, name), getattr(b, name)) for name in ("slots", "range", "range_round")]
+    members = None if a.members is None or b.members is None else min(max(a.members, b.members), n_receivers)
+    return Capacity(*sizes, members)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
