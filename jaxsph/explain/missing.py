@@ -166,6 +166,8 @@ def _of_structures(facts):
             why = f"{count} across {structure.name}; at least 3, the bending of fewer is that of the kernel"
             found.append(Finding(f"particles across {structure.name}", why, source=finding.PENALTY))
         if 0 < count <= THIN and scene.effect(PenaltyForce) is None:
-            why = f"{count} particles across {structure.name}: those that alternate cost no energy; PenaltyForce(0.05)"
+            enough = 1.0 if scene.fluids else 0.05  # of what water strikes, and of what swings
+            why = f"{count} particles across {structure.name}: those that alternate cost no energy"
+            why += f"; PenaltyForce({enough})"
             found.append(Finding("PenaltyForce", why, source=finding.PENALTY))
     return found
