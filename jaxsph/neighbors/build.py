@@ -270,9 +270,8 @@ def search_of(neighbors: NeighborList) -> NeighborSearch:
 
 def _larger(a: Capacity, b: Capacity, n_receivers: int) -> Capacity:
     """Sizes that suffice for both, of lists of so many receivers."""
-    sizes = [max(getattr(a, name), getattr(b, name)) for name in ("slots", "range", "range_round")]
     members = None if a.members is None or b.members is None else min(max(a.members, b.members), n_receivers)
-    return Capacity(*sizes, members)
+    return Capacity(max(a.slots, b.slots), max(a.range, b.range), max(a.range_round, b.range_round), members)
 
 
 @partial(jax.jit, static_argnums=(0, 1))
