@@ -84,7 +84,10 @@ def topologies(scene, state=None, *, skin=None, capacity_multiplier=surroundings
             )
         thin = None
         if scene.fluids and getattr(system, "thickness", None) is not None:
-            thin = thin_wall(scene.kernel, scene.dimension, system.thickness, float(scene.smoothing_length))
+            wide = system.thickness
+            if isinstance(system, (Structure, RigidBody)) and system.particles.on_surface:
+                wide += system.particles.spacing  # half a cell on either side, see flow.pairs.met_volume
+            thin = thin_wall(scene.kernel, scene.dimension, wide, float(scene.smoothing_length))
         if isinstance(system, Structure):
             order = found[system.name].order  # that of its reference configuration
             found[system.name] = replace(found[system.name], thin=thin)

@@ -89,10 +89,14 @@ class RigidBody(System):
 
 @pytree_dataclass
 class RigidReference:
-    """A rigid body made ready: positions (d, N) [m] at the start, volumes and masses (N,), in cell order."""
+    """A rigid body made ready: positions (d, N) [m] at the start, volumes, those of whole cells and masses (N,).
+
+    In cell order.
+    """
 
     positions: Any
     volume: Any
+    cells: Any
     mass: Any
     thin: Any = None
 
@@ -200,4 +204,5 @@ def rigid_reference(body: RigidBody, order, thin) -> RigidReference:
     positions, volume = (jnp.asarray(a)[order] for a in (body.particles.positions, body.particles.volumes))
     mass = jnp.asarray(body.density)
     mass = (mass[order] if jnp.ndim(mass) else mass) * volume
-    return RigidReference(positions.T, volume, jax.lax.convert_element_type(mass, positions.dtype), thin)
+    cells = jnp.asarray(body.particles.cells)[order]
+    return RigidReference(positions.T, volume, cells, jax.lax.convert_element_type(mass, positions.dtype), thin)

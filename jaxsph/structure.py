@@ -195,7 +195,8 @@ class Reference:
     """A structure made ready: everything about the reference configuration that the sums need.
 
     Component first, particle last, in cell order. `uniform` and `varying` are the material fields that are one
-    number, and those that differ from particle to particle (only these are gathered).
+    number, and those that differ from particle to particle (only these are gathered). `cells` are the volumes with
+    which fluids meet the particles.
     """
 
     neighbors: PairList
@@ -204,6 +205,7 @@ class Reference:
     uniform: dict
     varying: dict
     volume: Any
+    cells: Any
     moving: Any
     positions: Any
     thin: Any = None
@@ -248,6 +250,7 @@ def reference(structure: Structure, topology: Topology, *, penalty: bool) -> Ref
         uniform={name: value for name, value in materials.items() if jnp.ndim(value) == 0},
         varying={name: value[order] for name, value in materials.items() if jnp.ndim(value) == 1},
         volume=volume,
+        cells=jnp.asarray(structure.particles.cells)[order],
         moving=jnp.asarray(~structure.clamped[order], positions.dtype),
         positions=positions,
         thin=topology.thin,

@@ -13,6 +13,14 @@ in_2d_and_3d = pytest.mark.parametrize("d", [2, 3])
 
 @in_2d_and_3d
 @pytest.mark.parametrize("on_surface", [False, True])
+def test_cells_are_whole_ones_on_a_surface_too(d, on_surface):
+    filled = box(CORNERS[d], SIZES[d], 0.05, on_surface=on_surface)
+    np.testing.assert_allclose(filled.cells, np.max(filled.volumes), rtol=1e-6)
+    assert filled.on_surface == on_surface
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("on_surface", [False, True])
 def test_box_has_its_volume_and_center(d, on_surface):
     filled = box(CORNERS[d], SIZES[d], 0.05, on_surface=on_surface)
     assert filled.volumes.sum() == pytest.approx(np.prod(SIZES[d]), rel=1e-13)  # a sum of some hundred numbers

@@ -54,6 +54,32 @@ def test_a_wide_sensor_is_the_mean_over_its_face():
         assert read(width) == pytest.approx(float(1e4 * np.sum(weight * along**2) / np.sum(weight)), rel=0.05)
 
 
+@pytest.mark.parametrize("width", [None, 0.2])
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_sensor_reads_the_share_of_what_is_before_it_that_is_wet(d, width):
+    """Water at one pressure that withdraws from the wall; the share is the kernel's beyond it, by quadrature."""
+    scene = basin(d=d, pressure=lambda x: 1e4 + 0 * x[:, 0], sound_speed=1e3)
+    scene = scene.replace({"gravity": np.zeros(d)})
+    state = sph.initial_state(scene)
+    place = state.systems["water"]["position"]
+    point = [(0.0, 0.4)] if d == 2 else [(0.0, 0.3, 0.4)]
+
+    def read(gap):
+        moved = with_water(state, position=place + gap * jnp.eye(d)[0])
+        return float(observe.wall_pressure(scene, moved, "tank", point, width=width)[0]) / 1e4
+
+    reach = 0.5 * (width or 0.0) + 0.36
+    before, *sides = np.meshgrid(np.linspace(0.0, 0.36, 73), *[np.linspace(-reach, reach, 113)] * (d - 1))
+    beyond = np.maximum(np.sqrt(sum(side**2 for side in sides)) - 0.5 * (width or 0.0), 0.0)
+    offset = np.stack([before, beyond] + [0 * before] * (d - 2))
+    weight = np.array(scene.kernel.w(offset.reshape(d, -1), scene.smoothing_length)).reshape(before.shape)
+    weight[:, 0] *= 0.5  # of the wall's face: the trapezoidal rule
+    for gap in (0.0, 0.1, 0.2, 0.3, 0.4):
+        share = np.sum(weight[before > gap - 1e-9]) / np.sum(weight)
+        # rows of particles for a kernel of seven across: some hundredths
+        assert read(gap) == pytest.approx(min(share / 0.9, 1.0), abs=0.05), gap
+
+
 def test_sensors_move_with_their_wall_and_are_dry_without_fluid():
     scene = basin(motion=lambda t, x: jnp.stack([5.0 * t**2 + 0 * x[:, 0], 0 * x[:, 1]], axis=1))
     state = sph.initial_state(scene)

@@ -54,6 +54,21 @@ class Particles:
             min(self.spacing, other.spacing),
         )
 
+    @property
+    def cells(self):
+        """Volumes (N,) [m^d] of the whole cells around the particles, of which those on a surface stand for a half.
+
+        Those on an edge stand for a quarter, those in a corner of a box for an eighth. Of other particles it is their
+        own volume.
+        """
+        halves = jnp.round(jnp.log2(self.spacing ** self.positions.shape[1] / jnp.asarray(self.volumes)))
+        return self.volumes * jnp.exp2(jnp.maximum(halves, 0))
+
+    @property
+    def on_surface(self) -> bool:
+        """Whether there are particles that lie on the surface."""
+        return bool(np.any(self.cells > 1.5 * np.asarray(self.volumes)))
+
     def where(self, mask) -> Particles:
         """The particles for which mask (N,) is true."""
         mask = np.asarray(mask, bool)

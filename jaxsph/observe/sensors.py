@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import jax.numpy as jnp
+import numpy as np
 
 from jaxsph.observe.fields import LEAST_COVERAGE, over_points, pressure, volumes
 from jaxsph.pytree import is_concrete
 from jaxsph.walls import Wall
+
+WET = 0.9
+"""Share of what is before a sensor from which on it is wet."""
+
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
 def wall_pressure(
@@ -21,21 +27,24 @@ def wall_pressure(
 ):
     """Pressure (P,) [Pa] of the fluids on sensors in the surface of a wall.
 
-    The mean over the fluid particles within the support radius, weighted by V_b W_b: the kernel sees one side only, and
-    is normalized by what it sees. A sensor of some width weights by the distance from its face, not from its center.
+    The mean over what is before the wall within the support radius, weighted by V_b W_b. Where that is water in part,
+    the rest is air, which has no pressure: the reading of a sensor that gets wet rises with the water that comes near,
+    not with the first particle of it. Walls and solids take no part; from nine tenths on a sensor is taken as wet,
+    since particles in disorder cover no more. A sensor of some width weights by the distance from its face, not from
+    its center.
 
     Args:
         scene, state: one state.
         wall_name: of the wall; sensors move with it.
         points: centers of the sensors at t = 0 (P, d) [m].
         width: of a sensor [m], in 3D its diameter; None is a point.
-        normal: of the surface, (d,) or (P, d), any length; needed with a width only. None takes the direction away from
-            the wall's particles, which in a corner is its bisector.
+        normal: of the surface, into the fluid, (d,) or (P, d), any length. None takes the direction away from the
+            wall's particles, which in a corner is its bisector.
         hydrostatic: continue each particle's pressure to the sensor, p_b + rho_b (g - a_wall) . (x - x_b), as
             `AdamiExtrapolation` does. Without, still water above a sensor reads too low by the pressure of about
             a third of a support radius.
 
-    Returns: 0 where no fluid is near.
+    Returns: 0 where no fluid is near. Continuous; its derivative jumps as a sensor becomes wet.
 
     Raises:
         KeyError: no system of this name.
@@ -52,30 +61,63 @@ def wall_pressure(
     start = jnp.asarray(wall.particles.positions).T
     _check_near(scene, wall, start, points)
     place, _, acceleration = wall.placed(points.T, state.time)
-    sensors = [place.T, acceleration.T]
-    if width is not None:
-        if normal is None:
-            here = wall.placed(start, state.time)[0]
-            normal = over_points(lambda p: _away(scene, wall, here, p), place.T, wall.n_particles)
-        normal = jnp.broadcast_to(jnp.asarray(normal, scene.dtype), points.shape)
-        sensors.append(normal / jnp.linalg.norm(normal, axis=1, keepdims=True))
+    if normal is None:
+        here = wall.placed(start, state.time)[0]
+        normal = over_points(lambda p: _away(scene, wall, here, p), place.T, wall.n_particles)
+    normal = jnp.broadcast_to(jnp.asarray(normal, scene.dtype), points.shape)
+    normal = normal / jnp.linalg.norm(normal, axis=1, keepdims=True)
+    radius = 0.0 if width is None else 0.5 * width
+    before = _half(scene, radius)
     parts = [_particles(scene, state, fluid) for fluid in scene.fluids]
+    solid = [(_places(scene, state, other), _volumes(other)) for other in scene.boundaries]
+
+    def weights(sensor, position, volume):
+        offset = scene.displacement(sensor[0][:, None], position)
+        seen = offset if width is None else _from_face(offset, sensor[2], radius)
+        return offset, volume * scene.kernel.w(seen, scene.smoothing_length)
 
     def at_sensor(sensor):
-        weight = total = 0.0
+        weight = total = taken = 0.0
         for position, volume, density, pressures in parts:
-            offset = scene.displacement(sensor[0][:, None], position)
-            seen = offset if width is None else _from_face(offset, sensor[2], 0.5 * width)
-            weights = volume * scene.kernel.w(seen, scene.smoothing_length)
+            offset, near = weights(sensor, position, volume)
             if hydrostatic:
                 pull = (jnp.asarray(scene.gravity) - sensor[1])[:, None]
                 pressures = pressures + density * jnp.sum(pull * offset, axis=0)
-            weight, total = weight + jnp.sum(weights), total + jnp.sum(weights * pressures)
-        near = weight > LEAST_COVERAGE
-        return jnp.where(near, total / jnp.where(near, weight, 1.0), 0.0)
+            weight, total = weight + jnp.sum(near), total + jnp.sum(near * pressures)
+        for position, volume in solid:
+            offset, near = weights(sensor, position, volume)
+            taken += jnp.sum(jnp.where(jnp.sum(offset * sensor[2][:, None], axis=0) < 0, near, 0.0))
+        wet = WET * jnp.maximum(before - taken, 0.0)
+        return total / jnp.maximum(jnp.maximum(weight, wet), LEAST_COVERAGE)
 
+    sensors = [place.T, acceleration.T, normal]
     stacked = jnp.stack(sensors, axis=1)
-    return over_points(at_sensor, stacked, sum(fluid.n_particles for fluid in scene.fluids))
+    return over_points(at_sensor, stacked, sum(s.n_particles for s in (*scene.fluids, *scene.boundaries)))
+
+
+def _places(scene, state, boundary):
+    """Positions (d, N) [m] of a wall's or solid's particles."""
+    start, fields = jnp.asarray(boundary.particles.positions), state.systems.get(boundary.name, {})
+    if isinstance(boundary, Wall):
+        return boundary.placed(start.T, state.time)[0]
+    return (start + fields["displacement"] if "displacement" in fields else fields["position"]).T
+
+
+def _volumes(boundary):
+    """Volumes (N,) [m^d] with which fluids meet it."""
+    return boundary.particles.volumes if isinstance(boundary, Wall) else boundary.particles.cells
+
+
+def _half(scene, radius):
+    """Integral of the kernel, by the distance from a face of this radius, over the half-space before it."""
+    reach = scene.kernel.support_radius(scene.smoothing_length)
+    at = 0.5 * reach * (_NODES + 1)
+    weight = 0.5 * reach * _WEIGHTS
+    along = jnp.zeros((scene.dimension, len(at)), scene.dtype).at[0].set(jnp.asarray(at, scene.dtype))
+    value = weight * scene.kernel.w(along, scene.smoothing_length)
+    if scene.dimension == 2:
+        return 0.5 + 2 * radius * jnp.sum(value)
+    return 0.5 + np.pi * radius * (np.pi * jnp.sum(value * at) + radius * jnp.sum(value))
 
 
 def _particles(scene, state, fluid):

@@ -70,7 +70,8 @@ def elastic_gate(
         pressure=lambda x: density * GRAVITY * (height - x[:, 1]),
     )
     # The gate hangs from y = length, with held rows above; upside down it is a rooted plate.
-    body, _ = rooted_plate(width, thickness, length, across, dtype)
+    # Its face is where the cells of its outermost particles end.
+    body, _ = rooted_plate(width + 0.5 * thickness / (across - 1), thickness, length, across, dtype)
     upright = body.positions * np.array([1.0, -1.0]) + np.array([0.0, length])
     body = Particles(upright.astype(body.positions.dtype), body.volumes, body.spacing)
     gate = Structure(

@@ -27,10 +27,10 @@ def rooted_plate(place: float, thickness: float, length: float, across: int, dty
 
 
 def without(walls: Particles, body: Particles) -> Particles:
-    """Particles of a wall that are not inside the box around a body."""
-    low, high = np.min(body.positions, axis=0), np.max(body.positions, axis=0)
-    margin = 1e-6 * (high - low)
-    return walls.where(~np.all((walls.positions > low + margin) & (walls.positions < high - margin), axis=1))
+    """Particles of a wall that are not inside the box around the cells of a body."""
+    low, high = (end(body.positions, axis=0) for end in (np.min, np.max))
+    more = (0.5 - 1e-6) * body.spacing
+    return walls.where(~np.all((walls.positions > low - more) & (walls.positions < high + more), axis=1))
 
 
 USUAL = (DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(PENALTY))

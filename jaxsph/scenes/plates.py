@@ -104,6 +104,8 @@ def water_column_on_plate(
     friction the water, which does not see vibrations faster than its own steps as they are, feeds them until the plate
     breaks (see H17 in docs/stability.md).
 
+    The water begins half a spacing above the plate, where the cells of the plate's outermost particles end.
+
     Args:
         across: particles over the thickness of the plate, the outermost on its surfaces; the water's spacing is theirs.
         youngs_modulus: of the plate [Pa].
@@ -119,16 +121,16 @@ def water_column_on_plate(
     """
     spacing = thickness / (across - 1)
     rows, layers = round(height / spacing), math.ceil(2 * smoothing)
-    height = rows * spacing
+    height, low = rows * spacing, 0.5 * spacing
     water = Fluid(
         "water",
-        box((0, 0), (width, height), spacing, dtype=dtype),
+        box((0, low), (width, height), spacing, dtype=dtype),
         density=density,
         sound_speed=sound_speed,
-        pressure=lambda x: density * GRAVITY * (height - x[:, 1]),
+        pressure=lambda x: density * GRAVITY * (low + height - x[:, 1]),
     )
     inside = (width, round(1.1 * rows) * spacing)
-    sides = tank((0, 0), inside, spacing, layers, sides=["left", "right"], dtype=dtype)
+    sides = tank((0, low), inside, spacing, layers, sides=["left", "right"], dtype=dtype)
     deep = layers * spacing
     plate = Structure(
         "plate",

@@ -2,8 +2,8 @@
 
 A program of its own, so that its OpenMP threads and those of JAX do not share a process. Physics, kernels, schemes and
 time steps are PySPH's, by the defaults of each example, but EDAC for the vortex, which serves it far better; only the
-resolution and the end are changed, and nothing is written to disk. The time is that of all steps but the first, so that
-compiling does not count.
+resolution, the end and, for the pressure of the dam break, the sizes of its tank are changed, and nothing is written to
+disk. The time is that of all steps but the first, so that compiling does not count.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pysph.base.utils import get_particle_array  # pyright: ignore[reportMissingImports]
 from pysph.examples import (  # pyright: ignore[reportMissingImports]
     cavity,
     dam_break_2d,
@@ -22,6 +23,7 @@ from pysph.examples import (  # pyright: ignore[reportMissingImports]
     poiseuille,
     taylor_green,
 )
+from pysph.tools.geometry import get_2d_tank  # pyright: ignore[reportMissingImports]
 
 Looks = dict[str, Any]
 
@@ -90,7 +92,35 @@ def dam_break_of(n: int):
     """A column of 1 m x 2 m; times to T = 2.5."""
     end = 2.5 / np.sqrt(2 * 9.81)
     moments = np.linspace(0, end, 51)[1:]
-    return timed(dam_break_2d.DamBreak2D, moments, "x"), ["--dx", str(2.0 / n), "--tf", str(1.01 * end)], {}
+    return timed(dam_break_2d.DamBreak2D, moments, "x"), _dam_options(2.0 / n, end), {}
+
+
+def dam_break_pressure_of(n: int):
+    """A column of 4 m x 2 m in a tank of 5.366 times its height, the end of the longest record."""
+    spacing = 2.0 / n
+    length = round(5.366 * n) * spacing
+
+    class LongTank(dam_break_2d.DamBreak2D):
+        def create_particles(self):
+            """As the example places them: the first fluid particles a spacing off the first ones of the wall."""
+            x, y = get_2d_tank(dx=spacing, length=length + spacing, height=6.0, base_center=[0, 0], num_layers=4)
+            column = np.meshgrid(spacing * np.arange(1, 2 * n + 1), spacing * np.arange(1, n + 1))
+            same = {"h": dam_break_2d.h, "m": dam_break_2d.m, "rho": dam_break_2d.ro}
+            fluid = get_particle_array(name="fluid", x=column[0].ravel(), y=column[1].ravel(), **same)
+            boundary = get_particle_array(name="boundary", x=x - x.min() - 3 * spacing, y=y, **same)
+            self.scheme.setup_properties([fluid, boundary])
+            return [fluid, boundary]
+
+    moments = np.arange(2.34, 7.01, 0.02) * np.sqrt(2.0 / 9.81)
+    about = {"h": dam_break_2d.hdx * spacing, "face": length + 0.5 * spacing, "floor": 0.5 * spacing}
+    return timed(LongTank, moments, "xyp"), _dam_options(spacing, moments[-1]), about
+
+
+def _dam_options(spacing: float, end: float) -> list[str]:
+    """The example takes the spacing from its options, the mass and the smoothing length from its globals."""
+    dam = dam_break_2d
+    dam.dx, dam.h, dam.m = spacing, dam.hdx * spacing, spacing**2 * dam.ro
+    return ["--dx", str(spacing), "--tf", str(1.01 * end)]
 
 
 EXAMPLES = {
@@ -99,6 +129,7 @@ EXAMPLES = {
     "poiseuille": poiseuille_of,
     "still_water": still_water_of,
     "dam_break": dam_break_of,
+    "dam_break_pressure": dam_break_pressure_of,
 }
 
 

@@ -109,6 +109,21 @@ def front_of_splash(arrays) -> dict[str, float]:
     return {"experiment": front_error(arrays["times"] * np.sqrt(2 * GRAVITY), front), "finest": float("nan")}
 
 
+PLACES, WIDE = {"P1": 0.01, "P2": 0.05}, 0.014
+"""Centers of the sensors over the floor, and their width, in heights of the column."""
+
+
+def pressure_errors(times, found) -> dict[str, float]:
+    """Rms error over 2.36 < T < 7 of pressures (n, 2) in rho g H."""
+    errors, inside = {}, (times > 2.36) & (times < 7)
+    for index, name in enumerate(PLACES):
+        lines = [line for line in table("fluid/dambreak_pressure.csv") if line["dataset"].endswith(f"sim_{name}")]
+        at, value = (np.array([float(line[key]) for line in lines]) for key in ("T", "p_over_rho_g_H"))
+        difference = found[inside, index] - np.interp(times[inside], at, value)
+        errors[name] = float(np.sqrt(np.mean(difference**2)))
+    return errors
+
+
 def dam_break_pressure(quick: bool) -> Results:
     """On the far wall .01 H and .05 H over the floor, by sensors .014 H wide, as in row F17 of the validation."""
     height = 0.6
@@ -117,19 +132,12 @@ def dam_break_pressure(quick: bool) -> Results:
     def error_of(run):
         spacing = run.scene.spacing
         far = round(3.2196 / spacing) * spacing
-        points = np.array([[far, 0.01 * height], [far, 0.05 * height]])
+        points = np.array([[far, place * height] for place in PLACES.values()])
         sensor = partial(
-            jaxsph.observe.wall_pressure, wall_name="tank", points=points, width=0.014 * height, normal=(-1.0, 0.0)
+            jaxsph.observe.wall_pressure, wall_name="tank", points=points, width=WIDE * height, normal=(-1.0, 0.0)
         )
         found = np.asarray(run.observe(lambda scene, state: sensor(scene, state)), float) / scale
-        times, errors = np.asarray(run.times, float) / unit, {}
-        inside = (times > 2.36) & (times < 7)
-        for index, name in enumerate(("P1", "P2")):
-            lines = [line for line in table("fluid/dambreak_pressure.csv") if line["dataset"].endswith(f"sim_{name}")]
-            at, value = (np.array([float(line[key]) for line in lines]) for key in ("T", "p_over_rho_g_H"))
-            difference = found[inside, index] - np.interp(times[inside], at, value)
-            errors[name] = float(np.sqrt(np.mean(difference**2)))
-        return errors
+        return pressure_errors(np.asarray(run.times, float) / unit, found)
 
     def scene_of(particles=20, alpha=0.02, damper=0.0):
         effects = [jaxsph.DeltaDiffusion(0.1), jaxsph.ArtificialViscosity(alpha)]
@@ -146,6 +154,27 @@ def dam_break_pressure(quick: bool) -> Results:
         *grid(precision=["float32"], particles=(10, 14, 20, 28, 40), damper=(1.0,)),
     ]
     return studied(study, settings, quick, grid(precision=["float32"], particles=(8,)))
+
+
+def pressure_of_peer(arrays) -> dict[str, float]:
+    """By the weights of `jaxsph.observe.wall_pressure`, of particles whose mass is that of a cell of water."""
+    height, density, spacing, found = 2.0, 1000.0, 2.0 * float(arrays["floor"]), []
+    kernel, h = jaxsph.WendlandC2(), float(arrays["h"])
+    cells = (np.arange(16) + 0.5) * 0.25 * spacing  # before the wall, on the floor
+    all_wet = np.stack([axis.ravel() for axis in np.meshgrid(-cells, np.concatenate([cells, 4 * spacing + cells]))])
+
+    def weights(x, y):
+        beyond = np.maximum(np.abs(y) - 0.5 * WIDE * height, 0.0)
+        return np.asarray(kernel.w(np.stack([x, beyond]), h), float)
+
+    for place in PLACES.values():
+        x, y = arrays["x"] - arrays["face"], arrays["y"] - (arrays["floor"] + place * height)
+        near = spacing**2 * weights(x, y)
+        wet = 0.9 * (0.25 * spacing) ** 2 * np.sum(weights(all_wet[0], all_wet[1] - place * height))
+        total = np.sum(near * (arrays["p"] + density * GRAVITY * y), axis=1)
+        found.append(total / np.maximum(near.sum(axis=1), wet))
+    scale = density * GRAVITY * height
+    return pressure_errors(arrays["times"] * np.sqrt(GRAVITY / height), np.stack(found, axis=1) / scale)
 
 
 CASES = [
@@ -177,5 +206,6 @@ CASES = [
         {"P1": "rms error of P1 / (rho g H)", "P2": "rms error of P2 / (rho g H)"},
         dam_break_pressure,
         (0.3, 0.2),
+        peers=(Peer("dam_break_pressure", (10, 20, 40), pressure_of_peer),),
     ),
 ]  # fmt: skip
