@@ -64,9 +64,10 @@ def test_a_sensor_reads_the_share_of_what_is_before_it_that_is_wet(d, width):
     place = state.systems["water"]["position"]
     point = [(0.0, 0.4)] if d == 2 else [(0.0, 0.3, 0.4)]
 
+    @jax.jit
     def read(gap):
         moved = with_water(state, position=place + gap * jnp.eye(d)[0])
-        return float(observe.wall_pressure(scene, moved, "tank", point, width=width)[0]) / 1e4
+        return observe.wall_pressure(scene, moved, "tank", point, width=width)[0] / 1e4
 
     reach = 0.5 * (width or 0.0) + 0.36
     before, *sides = np.meshgrid(np.linspace(0.0, 0.36, 73), *[np.linspace(-reach, reach, 113)] * (d - 1))
@@ -77,7 +78,7 @@ def test_a_sensor_reads_the_share_of_what_is_before_it_that_is_wet(d, width):
     for gap in (0.0, 0.1, 0.2, 0.3, 0.4):
         share = np.sum(weight[before > gap - 1e-9]) / np.sum(weight)
         # rows of particles for a kernel of seven across: some hundredths
-        assert read(gap) == pytest.approx(min(share / 0.9, 1.0), abs=0.05), gap
+        assert float(read(gap)) == pytest.approx(min(share / 0.9, 1.0), abs=0.05), gap
 
 
 def test_sensors_move_with_their_wall_and_are_dry_without_fluid():
