@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import tempfile
 from pathlib import Path
@@ -54,7 +55,8 @@ def _measure(peer: Peer, n: int, python: str, code: str) -> Row:
         environment = {**os.environ, "OMP_NUM_THREADS": str(threads), **needs}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         if done.returncode:
-            reason = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+            name = signal.Signals(-done.returncode).name if done.returncode < 0 else "no reason given"
+            reason = (done.stderr.strip().splitlines() or [name])[-1]
             return Row(settings, {}, float("nan"), failure=reason)
         with np.load(path) as file:
             arrays = {name: file[name] for name in file.files}
