@@ -96,7 +96,8 @@ def gate(quick: bool) -> Iterator[list[Row]]:
         scene = jaxsph.scenes.elastic_gate(particles, effects=effects, dtype=HALF)
         watched = watch(scene, 0.4, 80, {"speed": speed})
         where = (f"{particles} over the width{name}", precision(HALF))
-        late = np.asarray(watched.run.times) >= 0.2
+        times = np.asarray(watched.run.times)
+        late = times >= min(0.2, times[-1])  # of a run that broke before, its end
         fastest = float(np.max(watched.seen["speed"][late]))
         yield [
             *rows_of(watched, where, energy=None),
