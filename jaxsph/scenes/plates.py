@@ -101,8 +101,8 @@ def water_column_on_plate(
 
     G. Fourey, C. Hermange, D. Le Touze, G. Oger (2017), Comput. Phys. Commun. 217, 66, section 5.1: an aluminium plate
     of 1 m x .05 m under 2 m of water. Its static deflection is what is asked for, about which it swings. Without
-    friction the water, which does not see vibrations faster than its own steps as they are, feeds them until the plate
-    breaks (see H17 in docs/stability.md).
+    friction the water, which does not see vibrations faster than its own steps as they are, feeds them (see H17 in
+    docs/stability.md).
 
     The water begins half a spacing above the plate, where the cells of the plate's outermost particles end.
 
