@@ -84,10 +84,10 @@ def topologies(scene, state=None, *, skin=None, capacity_multiplier=surroundings
             )
         thin = None
         if scene.fluids and getattr(system, "thickness", None) is not None:
-            wide = system.thickness
-            if isinstance(system, (Structure, RigidBody)) and system.particles.on_surface:
-                wide += system.particles.spacing  # half a cell on either side, see flow.pairs.met_volume
-            thin = thin_wall(scene.kernel, scene.dimension, wide, float(scene.smoothing_length))
+            # fluids meet whole cells, of which half is outside on either side
+            beyond = system.particles.spacing if system.particles.on_surface else 0.0
+            h = float(scene.smoothing_length)
+            thin = thin_wall(scene.kernel, scene.dimension, system.thickness + beyond, h)
         if isinstance(system, Structure):
             order = found[system.name].order  # that of its reference configuration
             found[system.name] = replace(found[system.name], thin=thin)
@@ -115,13 +115,13 @@ def prepare(scene, topologies: dict[str, Any]) -> dict[str, Any]:
         mass = fluid.mass()
         ready[fluid.name] = FluidReference(mass[topologies[fluid.name].order] if jnp.ndim(mass) else mass)
     for wall in scene.walls:
-        order, volumes = topologies[wall.name].order, wall.particles.volumes
-        if is_concrete(volumes) and np.ptp(volumes) <= 1e-6 * np.max(volumes):
-            volume = jnp.asarray(np.mean(volumes, dtype=np.float64), scene.dtype)
+        order, cells = topologies[wall.name].order, wall.particles.cells
+        if is_concrete(cells) and np.ptp(cells) <= 1e-6 * np.max(cells):
+            cells = jnp.asarray(np.mean(cells, dtype=np.float64), scene.dtype)
         else:
-            volume = jnp.asarray(volumes)[order]
+            cells = jnp.asarray(cells)[order]
         ready[wall.name] = WallReference(
-            jnp.asarray(wall.particles.positions)[order].T, volume, topologies[wall.name].thin
+            jnp.asarray(wall.particles.positions)[order].T, cells, topologies[wall.name].thin
         )
     for body in scene.rigid_bodies:
         ready[body.name] = rigid_reference(body, topologies[body.name].order, topologies[body.name].thin)

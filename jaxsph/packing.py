@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -158,4 +159,4 @@ def _relaxed(particles, walls: Any, domain, distance: Any, fixed, kernel, h, ite
         for name, neighbors in found.items():
             raise_if_wrong(neighbors, name=name)
         residuals.append(float(residual))
-    return Packed(Particles(np.asarray(before.T), particles.volumes, spacing), np.array(residuals))
+    return Packed(dataclasses.replace(particles, positions=np.asarray(before.T)), np.array(residuals))

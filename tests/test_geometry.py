@@ -15,11 +15,24 @@ in_2d_and_3d = pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("on_surface", [False, True])
 def test_cells_are_whole_ones_on_a_surface_too(d, on_surface):
     filled = box(CORNERS[d], SIZES[d], 0.05, on_surface=on_surface)
-    np.testing.assert_allclose(filled.cells, np.max(filled.volumes), rtol=1e-6)
-    assert filled.on_surface == on_surface
+    np.testing.assert_allclose(filled.cells, 0.05**d, rtol=1e-12)  # products of d numbers, rounded
+    moved = jitter(filled.where(filled.positions[:, 0] > 0) | filled, 0.1, 0)
+    np.testing.assert_allclose(moved.cells, 0.05**d, rtol=1e-12)
 
 
-@pytest.mark.parametrize("d", [2, 3])
+def test_volumes_of_particles_that_are_not_said_to_lie_on_a_surface_stay_what_they_are():
+    graded = Particles(np.zeros((3, 2)) + np.arange(3)[:, None], np.array([0.25, 0.5, 1.0]), 1.0)
+    np.testing.assert_array_equal(graded.cells, graded.volumes)
+
+
+@pytest.mark.parametrize("across", [2, 3])
+def test_cells_of_a_strip_are_whole_ones_of_its_stretched_lattice(across):
+    strip = clamped_strip(0.47, 0.1, across)
+    column = np.unique(strip.positions[:, 0])
+    np.testing.assert_allclose(strip.cells, strip.spacing * (column[1] - column[0]), rtol=1e-6)  # float32
+
+
+@in_2d_and_3d
 @pytest.mark.parametrize("on_surface", [False, True])
 def test_box_has_its_volume_and_center(d, on_surface):
     filled = box(CORNERS[d], SIZES[d], 0.05, on_surface=on_surface)

@@ -25,7 +25,7 @@ def test_points_on_lines_and_planes():
 def test_wall_sensors_read_hydrostatic_pressure(width):
     scene = basin()
     state = sph.initial_state(scene)
-    points, depth = [(0.8, 0.0), (0.0, 0.4), (WIDTH, 0.2)], np.array([0.8, 0.4, 0.6])
+    points, depth = [(0.8, 0.0), (0.0, 0.4), (WIDTH, 0.2), (0.0, 0.05)], np.array([0.8, 0.4, 0.6, 0.75])
     found = observe.wall_pressure(scene, state, "tank", points, width=width)
     # each particle's pressure is continued with its own density, which is up to 5e-3 above the rest density, over at
     # most a support radius of .35 m: 2e-3 of the pressure at the bottom
@@ -91,6 +91,10 @@ def test_sensors_move_with_their_wall_and_are_dry_without_fluid():
         observe.wall_pressure(scene, state, "tank", [(0.0, 0.4), (0.8, 0.4)])
     with pytest.raises(ValueError, match="'water' is a Fluid; sensors are in a Wall"):
         observe.wall_pressure(scene, state, "water", [(0.0, 0.4)])
+    with pytest.raises(ValueError, match=r"of points\[0\] = .* points into the wall"):
+        observe.wall_pressure(scene, state, "tank", [(0.0, 0.4)], normal=(-1.0, 0.0))
+    with pytest.raises(ValueError, match=r"points\[0\] = .* has the wall on all sides"):
+        observe.wall_pressure(scene, state, "tank", [(-0.2, 0.45)])
 
 
 def test_derivative_of_a_sensor_in_the_gravity_is_the_depth():

@@ -41,14 +41,19 @@ class FluidReference:
 
 @pytree_dataclass
 class WallReference:
-    """What of a wall does not change: positions at t = 0 (d, N) [m] and volumes, one number or (N,) [m^d].
+    """What of a wall does not change: positions at t = 0 (d, N) [m] and volumes of cells, one number or (N,) [m^d].
 
     thin: a `ThinWall`, or None.
     """
 
     positions: Any
-    volume: Any
+    cells: Any
     thin: Any = None
+
+    @property
+    def volume(self):
+        """That with which it takes part in contact: of cells too."""
+        return self.cells
 
 
 def fluid_fields(fluid: Fluid, reference: FluidReference, columns: dict) -> dict:
@@ -149,15 +154,6 @@ def motion_of(wall, placed):
     return position, velocity, acceleration
 
 
-def met_volume(reference):
-    """Volumes [m^d] with which fluids meet the particles of a wall or solid, one number or (N,).
-
-    Of a solid those of whole cells, also where its particles lie on its surface: with the half of a cell that these
-    stand for, water of the same spacing would be held off by next to nothing.
-    """
-    return reference.volume if isinstance(reference, WallReference) else reference.cells
-
-
 def wall_at_rest(fluid, wall, references, placed):
     """A wall as a fluid meets it in the density's rate: with its own velocity and the rest density.
 
@@ -166,7 +162,7 @@ def wall_at_rest(fluid, wall, references, placed):
     position, velocity, _ = motion_of(wall, placed)
     velocity = velocity if wall.moves else jnp.zeros_like(velocity)
     fields = {"position": position, "velocity": velocity}
-    volume = met_volume(references[wall.name])
+    volume = references[wall.name].cells
     fields["mass"] = fluid.density * volume
     fields["density"] = fluid.density
     if jnp.ndim(volume):

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
-from jaxsph.flow.pairs import fluid_fields, met_volume, motion_of, over_pairs
+from jaxsph.flow.pairs import fluid_fields, motion_of, over_pairs
 from jaxsph.walls import WallContinuity, WallSummation
 
 
 def wall_in_forces(fluid, wall, references, placed, state):
     """A wall as a fluid meets it in the forces."""
     position, velocity, _ = motion_of(wall, placed)
-    volume = met_volume(references[wall.name])
+    volume = references[wall.name].cells
     fields = {"position": position, "velocity": velocity, "mass": fluid.density * volume}
     fields["density"] = fluid.density
     if "pressure" in state:

@@ -8,6 +8,7 @@ makes the bending stiffness right: see docs/formulation.md.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import jax
@@ -19,11 +20,15 @@ from jaxsph.pytree import pytree_dataclass, static
 
 @pytree_dataclass
 class Particles:
-    """Positions (N, d) [m], volumes (N,) [m^d] and the spacing [m] that they were made with."""
+    """Positions (N, d) [m], volumes (N,) [m^d] and the spacing [m] that they were made with.
+
+    on_surface: whether the outermost ones lie on the surface and stand for the part of their cell that is inside.
+    """
 
     positions: np.ndarray
     volumes: np.ndarray
     spacing: float = static()
+    on_surface: bool = static(default=False)
 
     def __post_init__(self):
         n = np.shape(self.positions)[0] if np.ndim(self.positions) == 2 else -1
@@ -52,27 +57,25 @@ class Particles:
             np.concatenate([self.positions, other.positions]),
             np.concatenate([self.volumes, other.volumes]),
             min(self.spacing, other.spacing),
+            self.on_surface or other.on_surface,
         )
 
     @property
     def cells(self):
-        """Volumes (N,) [m^d] of the whole cells around the particles, of which those on a surface stand for a half.
+        """Volumes (N,) [m^d] of the whole cells around the particles, with which fluids meet them.
 
-        Those on an edge stand for a quarter, those in a corner of a box for an eighth. Of other particles it is their
-        own volume.
+        With the half of a cell that a particle on a surface stands for, water of the same spacing would be held off by
+        next to nothing. On an edge it is a quarter, in a corner an eighth. Without `on_surface` they are the volumes.
         """
+        if not self.on_surface:
+            return self.volumes
         halves = jnp.round(jnp.log2(self.spacing ** self.positions.shape[1] / jnp.asarray(self.volumes)))
         return self.volumes * jnp.exp2(jnp.maximum(halves, 0))
-
-    @property
-    def on_surface(self) -> bool:
-        """Whether there are particles that lie on the surface."""
-        return bool(np.any(self.cells > 1.5 * np.asarray(self.volumes)))
 
     def where(self, mask) -> Particles:
         """The particles for which mask (N,) is true."""
         mask = np.asarray(mask, bool)
-        return Particles(self.positions[mask], self.volumes[mask], self.spacing)
+        return Particles(self.positions[mask], self.volumes[mask], self.spacing, self.on_surface)
 
 
 def check_spacing(spacing: float) -> None:
@@ -124,7 +127,7 @@ def box(corner, size, spacing: float, *, on_surface: bool = False, dtype=None) -
     positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
     volumes = np.prod(np.stack(np.meshgrid(*weights, indexing="ij"), axis=-1), axis=-1).ravel()
     real = _floating(dtype)
-    return Particles(positions.astype(real), volumes.astype(real), float(spacing))
+    return Particles(positions.astype(real), volumes.astype(real), float(spacing), on_surface)
 
 
 def ball(center, radius: float, spacing: float, *, dtype=None) -> Particles:
@@ -158,6 +161,4 @@ def jitter(particles: Particles, fraction: float, seed: int) -> Particles:
             f"fraction = {fraction} of the spacing must be at least 0 and less than 0.5: particles would meet"
         )
     shift = np.random.default_rng(seed).uniform(-1, 1, particles.positions.shape) * fraction * particles.spacing
-    return Particles(
-        (particles.positions + shift).astype(particles.positions.dtype), particles.volumes, particles.spacing
-    )
+    return dataclasses.replace(particles, positions=(particles.positions + shift).astype(particles.positions.dtype))

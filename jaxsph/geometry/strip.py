@@ -40,4 +40,4 @@ def clamped_strip(length: float, thickness: float, across: int, behind: int = BE
     lattice = box((0, -thickness / 2), ((columns + behind) * spacing, thickness), spacing, on_surface=True, dtype=dtype)
     positions, volumes = lattice.positions.copy(), lattice.volumes * (step / spacing)
     positions[:, 0] = (positions[:, 0] / spacing + 0.5 - behind) * step
-    return Particles(positions.astype(lattice.positions.dtype), volumes.astype(lattice.volumes.dtype), spacing)
+    return Particles(positions.astype(lattice.positions.dtype), volumes.astype(lattice.volumes.dtype), spacing, True)

@@ -12,6 +12,9 @@ from jaxsph.walls import Wall
 WET = 0.9
 """Share of what is before a sensor from which on it is wet."""
 
+LEAST_SIDE = 1e-3
+"""Mean distance of the wall behind a sensor, in support radii, below which it is on all sides; .3 at a plane face."""
+
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(40)
 
 
@@ -48,7 +51,8 @@ def wall_pressure(
 
     Raises:
         KeyError: no system of this name.
-        ValueError: it is not a wall; a point further from it than two spacings; a width that is not positive.
+        ValueError: it is not a wall; a point further from it than two spacings, or in the middle of it without a
+            normal; a width that is not positive; a normal that points into the wall.
     """
     wall = scene[wall_name]
     if not isinstance(wall, Wall):
@@ -61,15 +65,15 @@ def wall_pressure(
     start = jnp.asarray(wall.particles.positions).T
     _check_near(scene, wall, start, points)
     place, _, acceleration = wall.placed(points.T, state.time)
-    if normal is None:
-        here = wall.placed(start, state.time)[0]
-        normal = over_points(lambda p: _away(scene, wall, here, p), place.T, wall.n_particles)
-    normal = jnp.broadcast_to(jnp.asarray(normal, scene.dtype), points.shape)
+    here = wall.placed(start, state.time)[0]
+    away = over_points(lambda p: _away(scene, here, p), place.T, wall.n_particles)
+    normal = away if normal is None else jnp.broadcast_to(jnp.asarray(normal, scene.dtype), points.shape)
+    _check_sides(points, normal, away)
     normal = normal / jnp.linalg.norm(normal, axis=1, keepdims=True)
     radius = 0.0 if width is None else 0.5 * width
     before = _half(scene, radius)
     parts = [_particles(scene, state, fluid) for fluid in scene.fluids]
-    solid = [(_places(scene, state, other), _volumes(other)) for other in scene.boundaries]
+    solid = [(_places(scene, state, other), other.particles.cells) for other in scene.boundaries]
 
     def weights(sensor, position, volume):
         offset = scene.displacement(sensor[0][:, None], position)
@@ -101,11 +105,6 @@ def _places(scene, state, boundary):
     if isinstance(boundary, Wall):
         return boundary.placed(start.T, state.time)[0]
     return (start + fields["displacement"] if "displacement" in fields else fields["position"]).T
-
-
-def _volumes(boundary):
-    """Volumes (N,) [m^d] with which fluids meet it."""
-    return boundary.particles.volumes if isinstance(boundary, Wall) else boundary.particles.cells
 
 
 def _half(scene, radius):
@@ -140,10 +139,28 @@ def _from_face(offset, normal, radius):
     return across + jnp.where(outside, along * (1 - ratio), 0.0)
 
 
-def _away(scene, wall, position, point):
-    """The direction (d,) [m] from the wall's particles to a point of its surface."""
+def _away(scene, position, point):
+    """The mean direction (d,) from the wall's particles to a point of its surface, in support radii; short inside."""
     offset = scene.displacement(point[:, None], position)
-    return jnp.sum(scene.kernel.w(offset, scene.smoothing_length) * offset, axis=1)
+    weight = scene.kernel.w(offset, scene.smoothing_length)
+    total = jnp.sum(weight)
+    reach = scene.kernel.support_radius(scene.smoothing_length)
+    return jnp.sum(weight * offset, axis=1) / (reach * jnp.where(total > 0, total, 1.0))
+
+
+def _check_sides(points, normal, away):
+    if not is_concrete(normal, away):
+        return
+    for index, point in enumerate(points):
+        side = float(jnp.sum(normal[index] * away[index])) / (float(jnp.linalg.norm(normal[index])) or 1.0)
+        if not side > -LEAST_SIDE:
+            raise ValueError(
+                f"normal = {normal[index]} of points[{index}] = {point} points into the wall, not out of it"
+            )
+        if normal is away and side < LEAST_SIDE:
+            raise ValueError(
+                f"points[{index}] = {point} has the wall on all sides, so that it faces none of them; pass normal="
+            )
 
 
 def _check_near(scene, wall, start, points):

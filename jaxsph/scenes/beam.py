@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -103,4 +104,5 @@ def _round_root(particles: Particles, reach: float, radius: float) -> Particles:
     positions = np.stack([x - back * np.clip(1 - np.clip(x, 0, None) / reach, 0, None), y], axis=1)
     stretch = np.where((x > 0) & (x < reach), 1 + back / reach, 1.0)
     real = particles.positions.dtype
-    return Particles(positions.astype(real), (particles.volumes * stretch).astype(real), particles.spacing)
+    volumes = (particles.volumes * stretch).astype(real)
+    return dataclasses.replace(particles, positions=positions.astype(real), volumes=volumes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from jaxsph.fluid import Fluid
-from jaxsph.geometry import Particles, box, tank
+from jaxsph.geometry import box, tank
 from jaxsph.materials import StVenantKirchhoff
 from jaxsph.scene import Scene
 from jaxsph.scenes.plate_parts import USUAL, friction_of, plate_scene, rooted_plate, without
@@ -73,7 +74,7 @@ def elastic_gate(
     # Its face is where the cells of its outermost particles end.
     body, _ = rooted_plate(width + 0.5 * thickness / (across - 1), thickness, length, across, dtype)
     upright = body.positions * np.array([1.0, -1.0]) + np.array([0.0, length])
-    body = Particles(upright.astype(body.positions.dtype), body.volumes, body.spacing)
+    body = dataclasses.replace(body, positions=upright.astype(body.positions.dtype))
     gate = Structure(
         "gate",
         body,

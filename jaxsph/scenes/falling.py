@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 
 from jaxsph.effects import ArtificialViscosity, Contact, DeltaDiffusion, PenaltyForce, WallRepulsion
 from jaxsph.fluid import Fluid
-from jaxsph.geometry import Particles, ball, box, clamped_strip, tank
+from jaxsph.geometry import ball, box, clamped_strip, tank
 from jaxsph.materials import NeoHookean, StVenantKirchhoff
 from jaxsph.neighbors import Domain
 from jaxsph.rigid_body import RigidBody
@@ -188,7 +189,7 @@ def falling_column_on_beam(
     root = LAYERS * spacing
     strip = clamped_strip(length, thickness, across, math.ceil(root / fine), dtype)
     below = strip.positions - np.array([0.0, 0.5 * thickness])  # its upper side at y = 0
-    body = Particles(below.astype(strip.positions.dtype), strip.volumes, fine)
+    body = dataclasses.replace(strip, positions=below.astype(strip.positions.dtype))
     beam = Structure(
         "beam",
         body,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -23,12 +24,12 @@ def rooted_plate(place: float, thickness: float, length: float, across: int, dty
     strip = clamped_strip(length, thickness, across, dtype=dtype)
     along, over = strip.positions.T
     positions = np.stack([place + 0.5 * thickness + over, along], axis=1).astype(strip.positions.dtype)
-    return Particles(positions, strip.volumes, strip.spacing), lambda x: x[:, 1] < strip.spacing
+    return dataclasses.replace(strip, positions=positions), lambda x: x[:, 1] < strip.spacing
 
 
 def without(walls: Particles, body: Particles) -> Particles:
     """Particles of a wall that are not inside the box around the cells of a body."""
-    low, high = (end(body.positions, axis=0) for end in (np.min, np.max))
+    low, high = np.min(body.positions, axis=0), np.max(body.positions, axis=0)
     more = (0.5 - 1e-6) * body.spacing
     return walls.where(~np.all((walls.positions > low - more) & (walls.positions < high + more), axis=1))
 
