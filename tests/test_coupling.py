@@ -59,7 +59,7 @@ def test_forces_are_exchanged_to_round_off(model):
 
 @pytest.mark.parametrize("across", [5, 2])
 def test_water_of_a_plates_spacing_is_held_off_by_one_spacing(across):
-    """At one pressure, as deep in still water: a lattice goes on through the surface of the plate, be it thin or not."""
+    """At one pressure, as deep in still water: a lattice goes on through the surface of the plate, thin or not."""
     spacing, pressure = 0.05, 1e4
     plate = sph.Structure(
         "plate",
