@@ -11,6 +11,7 @@ from reference import table  # pyright: ignore
 
 import jaxsph
 from jaxsph.accuracy import Results, Study, grid
+from jaxsph.geometry import tank
 from jaxsph.pytree import replace
 
 GRAVITY = 9.81
@@ -164,7 +165,7 @@ def pressure_of_peer(arrays) -> dict[str, float]:
     places = np.stack([arrays["x"], arrays["y"]], axis=2) - half
     particles = jaxsph.Particles(places[0], np.full(places.shape[1], spacing**2), spacing)
     water = jaxsph.Fluid("water", particles, 1000.0, stiff)
-    walls = jaxsph.Wall("tank", jaxsph.geometry.tank((0, 0), (length, 3 * height), spacing, 4, dtype=np.float64))
+    walls = jaxsph.Wall("tank", tank((0, 0), (length, 3 * height), spacing, 4, dtype=np.float64))
     scene = jaxsph.Scene(water, walls, gravity=(0.0, -GRAVITY), smoothing_length=float(arrays["h"]))
     points = np.array([[length, place * height] for place in PLACES.values()])
     start = jaxsph.initial_state(scene)
