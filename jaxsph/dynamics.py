@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxsph import surroundings
 from jaxsph.contact import TOUCHING, bodies, contact_forces, contact_time_step, touching
-from jaxsph.effects import AcousticDamper, BodyForce, Contact, Damping, KelvinVoigt, PenaltyForce
+from jaxsph.effects import AcousticDamper, ArtificialViscosity, BodyForce, Contact, Damping, KelvinVoigt, PenaltyForce
 from jaxsph.flow import FluidReference, WallReference, forces
 from jaxsph.pytree import is_concrete, pytree_dataclass, replace
 from jaxsph.rigid_body import RigidBody, RigidReference, rigid_acceleration, rigid_reference
@@ -275,7 +275,7 @@ def prescribed(structure: Structure, ready: Reference, time):
 
 
 POWER_ITERATIONS = 60
-SOUND_LIMIT, VISCOUS_LIMIT = 0.8, 0.25
+SOUND_LIMIT, VISCOUS_LIMIT, SOUND_RINGS = 0.8, 0.25, 1.1  # of h / c, of h^2 / nu; the h / c at which sound is unstable
 SAFETY = 0.9  # of the stable step: the power iteration comes from below, and stretched bodies get stiffer
 
 
@@ -349,7 +349,7 @@ def structure_time_step(scene, structure, ready: Reference, displacement=None):
 
 
 def fluid_time_step(scene, fluid):
-    """Largest stable time step [s] of a fluid: that of sound, or of viscosity or a damper of sound if that is shorter.
+    """Largest stable time step [s] of a fluid: that of sound, or of what damps it or of viscosity if that is shorter.
 
     Sound: 1.1 h / c, where the fastest standing wave of disordered particles turns by 2 in a step. Viscosity: as the
     explicit diffusion of a wave that alternates from particle to particle, h^2 / (4 nu). SOUND_LIMIT leaves room below
@@ -358,17 +358,27 @@ def fluid_time_step(scene, fluid):
 
     A damper takes the share alpha (h / c) w^2 of its speed from a standing wave of the frequency w, by the rate of the
     step before. With that a kick-drift-kick of the step dt is stable while (w dt)^2 + 2 alpha (h / c) w^2 dt < 4; if
-    the fastest wave allows dt = S h / c without a damper, that is dt = (sqrt(alpha^2 + S^2) - alpha) h / c.
+    the fastest wave allows dt = S h / c without a damper, that is dt = (sqrt(alpha^2 + S^2) - alpha) h / c. Artificial
+    viscosity damps it by three times its kinematic viscosity, alpha h c / (2 (d + 2)), while all pairs approach: it counts
+    as that much more of a damper, with S = 1.1, so that it limits the step from about 1 on. Its beta is not counted.
     """
     h = scene.smoothing_length
-    limit = jnp.asarray(SOUND_LIMIT * h / fluid.sound_speed)
-    damper = scene.effect(AcousticDamper)
+    limit, share = jnp.asarray(SOUND_LIMIT * h / fluid.sound_speed), 0.0
+    damper, artificial = scene.effect(AcousticDamper), scene.effect(ArtificialViscosity)
     if damper is not None:
-        limit = (jnp.sqrt(damper.alpha**2 + SOUND_LIMIT**2) - damper.alpha) * h / fluid.sound_speed
+        share = damper.alpha
+        limit = _damped(share, SOUND_LIMIT) * h / fluid.sound_speed
+    if artificial is not None:
+        share = share + 1.5 * artificial.alpha / (scene.dimension + 2)
+        limit = jnp.minimum(limit, _damped(share, SOUND_RINGS) * h / fluid.sound_speed)
     if fluid.viscosity is not None:
         nu = fluid.viscosity / fluid.density
         limit = jnp.minimum(limit, VISCOUS_LIMIT * h**2 / jnp.maximum(nu, jnp.finfo(scene.dtype).tiny))
     return limit
+
+
+def _damped(share, undamped):
+    return jnp.sqrt(share**2 + undamped**2) - share
 
 
 def largest_stable(scene, found: dict[str, Any], columns: dict | None = None) -> float:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsph.effects import ArtificialViscosity, DeltaDiffusion, KelvinVoigt, PenaltyForce
+from jaxsph.effects import ArtificialViscosity, DeltaDiffusion, KelvinVoigt, PenaltyForce, WallRepulsion
 from jaxsph.geometry import Particles, clamped_strip
 from jaxsph.materials import lame_parameters
 from jaxsph.neighbors import Domain
@@ -37,6 +37,9 @@ def without(walls: Particles, body: Particles) -> Particles:
 USUAL = (DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(PENALTY))
 """Effects of the scenes of fluids and plates."""
 
+STRUCK = (*USUAL, WallRepulsion())
+"""Of those in which water strikes: a jet that sinks into the far wall comes out with up to 8 % of the energy more."""
+
 
 def friction_of(structure: Any) -> KelvinVoigt:
     """Friction that holds down vibrations which a fluid feeds: tau of a tenth of the spacing over the wave speed."""
@@ -53,7 +56,7 @@ def plate_scene(*systems, effects, smoothing, inside) -> Scene:
     return Scene(
         *systems,
         gravity=gravity,
-        effects=USUAL if effects is None else effects,
+        effects=effects,
         smoothing_length=smoothing,
         domain=Domain(-reach, 2 * reach),
     )

@@ -12,7 +12,7 @@ from jaxsph.materials import StVenantKirchhoff
 from jaxsph.pytree import replace
 from jaxsph.scene import Scene
 from jaxsph.scenes.moving import dam_break_gate
-from jaxsph.scenes.plate_parts import USUAL, friction_of, plate_scene, rooted_plate, without
+from jaxsph.scenes.plate_parts import STRUCK, USUAL, friction_of, plate_scene, rooted_plate, without
 from jaxsph.scenes.tank_flow import GRAVITY, LAYERS
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, Wall
@@ -50,7 +50,7 @@ def dam_break_plate(
         density, sound_speed, viscosity: of the water; a sound speed of None is 20 sqrt(g height).
         thickness, length: of the plate [m].
         smoothing: smoothing length in spacings of the water.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(1)`.
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(1)`, `WallRepulsion()`.
         law: elastic law; None takes `StVenantKirchhoff()`.
         dtype: float32 or float64; None takes jax's default.
     """
@@ -79,6 +79,7 @@ def dam_break_plate(
         thickness=thickness,
     )
     basin = Wall("tank", without(walls, body), AdamiExtrapolation(clip=True), no_slip=False)
+    effects = STRUCK if effects is None else effects
     return plate_scene(water, basin, plate, effects=effects, smoothing=smoothing * spacing, inside=inside)
 
 
@@ -182,7 +183,7 @@ def dam_break_gate_plate(
         place: of its left face [m].
         sound_speed: of the water [m/s].
         smoothing: smoothing length in spacings of the water.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(1)`.
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(1)`, `WallRepulsion()`.
         dtype: float32 or float64; None takes jax's default.
     """
     dam = dam_break_gate(spacing, sound_speed=sound_speed, smoothing=smoothing, dtype=dtype)
@@ -198,6 +199,7 @@ def dam_break_gate_plate(
         thickness=thickness,
     )
     basin = replace(dam["tank"], particles=without(dam["tank"].particles, body))
+    effects = STRUCK if effects is None else effects
     return plate_scene(
         dam["water"], basin, dam["gate"], plate, effects=effects, smoothing=smoothing * spacing, inside=(0.8, 0.8)
     )

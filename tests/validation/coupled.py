@@ -32,7 +32,7 @@ def column_on_plate(quick: bool) -> Iterator[list[Row]]:
             Row("standard deviation / mean of the deflection", float(np.std(middle[late])) / -DEFLECTION, None, *where),
         ]
     if not quick:
-        for fine, coarse in ((7, 5), (11, 7)):
+        for fine, coarse in ((7, 5), (11, 7), (11, 5)):
             ratio = errors[fine, np.float32] / errors[coarse, np.float32]
             yield [
                 Row("error of the deflection / that of the coarser", ratio, 1.0, f"{coarse}, {fine} across", "float32")
@@ -46,6 +46,7 @@ def dam_break_on_plate(quick: bool) -> Iterator[list[Row]]:
     """
     peaks = {}
     runs = ((15, 5, np.float32), (15, 5, np.float64), (30, 5, np.float32), (45, 7, np.float32), (60, 9, np.float32))
+    runs = (*runs, (75, 11, np.float32))
     for n, over_thickness, dtype in runs[:1] if quick else runs:
         peak, onset = tip(jaxsph.scenes.dam_break_plate(n, over_thickness, dtype=dtype))
         peaks[n, dtype] = peak
@@ -58,12 +59,12 @@ def dam_break_on_plate(quick: bool) -> Iterator[list[Row]]:
         ]
     if quick:
         return
-    for three in ((15, 30, 60), (30, 45, 60)):
+    for three in ((15, 30, 60), (30, 45, 60), (45, 60, 75)):
         coarse, middle, fine = (peaks[n, np.float32] for n in three)
         ratio = abs(fine - middle) / abs(middle - coarse)
         places = ", ".join(str(n) for n in three)
         yield [Row("change of the peak / that of the coarser", ratio, 1.0, places, "float32")]
-    for n, over_thickness, _ in (runs[0], runs[3]):
+    for n, over_thickness, _ in (runs[0], runs[2], runs[3]):
         scene = jaxsph.scenes.dam_break_plate(n, over_thickness, dtype=np.float32)
         peak, _ = tip(scene.replace({"water.sound_speed": 1.01 * scene["water"].sound_speed}))
         change = abs(peak / peaks[n, np.float32] - 1)
@@ -90,7 +91,7 @@ def gate(quick: bool) -> Iterator[list[Row]]:
     times, measured = series("Antoci2007_experiment")
     dtype = np.float32
     runs = ((40, 7.8e6, 0.47, 0.18), (40, 7.8e6, 0.4, 0.18), (40, 12e6, 0.4, None))
-    runs = (*runs, (20, 7.8e6, 0.4, 0.18), (60, 7.8e6, 0.4, 0.18))
+    runs = (*runs, (20, 7.8e6, 0.4, 0.18), (60, 7.8e6, 0.4, 0.18), (80, 7.8e6, 0.4, 0.18))
     for particles, modulus, ratio, limit in runs[:1] if quick else runs:
         scene = jaxsph.scenes.elastic_gate(particles, youngs_modulus=modulus, poisson_ratio=ratio, dtype=dtype)
         run = jaxsph.simulate(scene, 0.4, 0.005)

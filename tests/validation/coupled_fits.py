@@ -42,9 +42,14 @@ def plate(quick: bool) -> Iterator[list[Row]]:
 
 
 def published(quick: bool) -> Iterator[list[Row]]:
-    """The tips of the plate that two finite-element codes computed, with a modulus of 1 MPa."""
-    for name in ("Idelsohn2008",) if quick else ("Idelsohn2008", "Meduri2018"):
-        found = summary_of(calibrate_fsi.main, fits=(name,))[name]
+    """The tips of the plate that two finite-element codes computed, with a modulus of 1 MPa.
+
+    Fine runs take long: their fit starts at that modulus, the others at three times.
+    """
+    runs = (("Idelsohn2008", 20, 5, 3.0), ("Meduri2018", 20, 5, 3.0), ("Idelsohn2008", 45, 7, 1.0))
+    for name, particles, across, start in runs[:1] if quick else runs:
+        options = {"particles": particles, "across": across, "start": start}
+        found = summary_of(calibrate_fsi.main, fits=(name,), **options)[name]
         where = (f"a / dx = {found['particles']}, {name}", "float32")
         modulus = found["youngs_modulus"]
         yield [

@@ -25,7 +25,7 @@ GAIN = 0.01  # of the energy that can move: nothing puts any in, and the error o
 def scenes(dtype) -> dict:
     """By name a scene, how long it runs [s], the energy that can move [J/m], and the first factor that is tried."""
     vortex = jaxsph.scenes.taylor_green(24, dtype=dtype)
-    dam = jaxsph.scenes.dam_break(16, dtype=dtype)
+    dam, falls = jaxsph.scenes.dam_break(16, dtype=dtype), (0.8, 1000 * 9.81 * 1.2 * 0.6**2 / 2)
     still = jaxsph.scenes.still_water(16, dtype=dtype)
     # nothing that could damp an instability
     bare = jaxsph.scenes.oscillating_drop(12, frequency=0.0, rate=1.0, effects=[], dtype=dtype)
@@ -34,14 +34,19 @@ def scenes(dtype) -> dict:
     def damped(alpha):
         return replace(square, effects=(*square.effects, jaxsph.AcousticDamper(alpha)))
 
+    def rubbed(alpha):
+        return replace(dam, effects=(jaxsph.DeltaDiffusion(0.1), jaxsph.ArtificialViscosity(alpha)))
+
     return {
         "Taylor-Green vortex": (vortex, 0.5, 0.25, 0.1),
-        "dam break": (dam, 0.8, 1000 * 9.81 * 1.2 * 0.6**2 / 2, 0.1),
+        "dam break": (dam, *falls, 0.1),
         "still water": (still, 1.0, 1000 * 9.81 * 0.9**2 / 2 * 0.01, 0.1),
         "stretching drop, no effects": (bare, 1.0, 1000 * np.pi / 4, 0.1),
         "rotating square, 40 x 40, to w t = 4": (square, 4.0, 1000 / 12, 0.8),
         "rotating square, AcousticDamper(.5)": (damped(0.5), 4.0, 1000 / 12, 0.4),
         "rotating square, AcousticDamper(1)": (damped(1.0), 4.0, 1000 / 12, 0.2),
+        "dam break, ArtificialViscosity(1)": (rubbed(1.0), *falls, 0.4),
+        "dam break, ArtificialViscosity(4)": (rubbed(4.0), *falls, 0.1),
     }
 
 
