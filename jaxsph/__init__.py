@@ -6,7 +6,7 @@ check_jax_version()
 
 from jaxsph import accuracy, observe, scenes  # noqa: E402
 from jaxsph.density import EDAC, ContinuityDensity, SummationDensity  # noqa: E402
-from jaxsph.dynamics import stable_substeps, stable_time_step, topologies  # noqa: E402
+from jaxsph.dynamics import topologies  # noqa: E402
 from jaxsph.effects import (  # noqa: E402
     AcousticDamper,
     ArtificialViscosity,
@@ -24,6 +24,7 @@ from jaxsph.effects import (  # noqa: E402
     TransportVelocity,
     WallRepulsion,
 )
+from jaxsph.error_control import Diffrax  # noqa: E402
 from jaxsph.errors import (  # noqa: E402
     NeighborOverflow,
     NotFinite,
@@ -34,7 +35,7 @@ from jaxsph.errors import (  # noqa: E402
 )
 from jaxsph.fluid import Fluid  # noqa: E402
 from jaxsph.geometry import Particles, ball, box, clamped_strip, jitter  # noqa: E402
-from jaxsph.integrate import Diffrax, KickDriftKick  # noqa: E402
+from jaxsph.integrate import KickDriftKick  # noqa: E402
 from jaxsph.kernels import (  # noqa: E402
     CubicSpline,
     Gaussian,
@@ -59,6 +60,7 @@ from jaxsph.pair_sum import Edges, PairList, pair_edges, pair_sum  # noqa: E402
 from jaxsph.rigid_body import RigidBody  # noqa: E402
 from jaxsph.scene import Scene  # noqa: E402
 from jaxsph.simulate import simulate  # noqa: E402
+from jaxsph.stable_step import stable_substeps, stable_time_step  # noqa: E402
 from jaxsph.state import State, initial_state  # noqa: E402
 from jaxsph.structure import Structure  # noqa: E402
 from jaxsph.trajectory import Trajectory  # noqa: E402

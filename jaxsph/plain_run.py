@@ -12,8 +12,8 @@ import numpy as np
 from jaxsph import surroundings
 from jaxsph.advance import advance_compiled, begin_compiled, ready_compiled, solve_compiled
 from jaxsph.dynamics import Order, in_cell_order, place_boundaries, positions_of
+from jaxsph.error_control import Diffrax
 from jaxsph.health import BEYOND_SKIN, GOOD, OVERFLOW, raise_if_failed
-from jaxsph.integrate import Diffrax
 from jaxsph.pytree import replace
 from jaxsph.trajectory import Trajectory
 

@@ -10,14 +10,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph import checks, surroundings
-from jaxsph.dynamics import SAFETY, largest_stable, safe, stable_substeps, structure_limits, topologies
+from jaxsph.dynamics import topologies
 from jaxsph.effects import ShepardFilter
+from jaxsph.error_control import Diffrax
 from jaxsph.errors import UnstableTimeStep
-from jaxsph.integrate import Diffrax, KickDriftKick
+from jaxsph.integrate import KickDriftKick
 from jaxsph.neighbors import safe_steps
 from jaxsph.plain_run import run_plain
 from jaxsph.pytree import is_concrete
 from jaxsph.rigid_body import RigidBody
+from jaxsph.stable_step import SAFETY, largest_stable, safe, stable_substeps, structure_limits
 from jaxsph.state import State, check_state, initial_state
 from jaxsph.traced_run import raise_in_traced, run_traced
 from jaxsph.trajectory import Trajectory

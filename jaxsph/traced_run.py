@@ -10,10 +10,10 @@ import jax.numpy as jnp
 
 from jaxsph import surroundings
 from jaxsph.advance import advance, begin, solve, with_rows
-from jaxsph.dynamics import largest_stable_time_step
+from jaxsph.error_control import Diffrax
 from jaxsph.health import CURES, GOOD, UNSTABLE
-from jaxsph.integrate import Diffrax
 from jaxsph.pytree import replace
+from jaxsph.stable_step import largest_stable_time_step
 from jaxsph.state import State
 
 

@@ -8,7 +8,8 @@ from bodies import beam, block, peak
 
 import jaxsph as sph
 from jaxsph import pytree
-from jaxsph.dynamics import accelerations, largest_stable, prepare
+from jaxsph.dynamics import accelerations, prepare
+from jaxsph.stable_step import largest_stable
 from jaxsph.state import initial_state, to_columns
 
 C = 36.7  # p-wave speed of the bodies [m/s]

@@ -12,9 +12,10 @@ import numpy as np
 
 from jaxsph import checks, kernels
 from jaxsph.accuracy.results import Number, Value
-from jaxsph.dynamics import SAFETY
-from jaxsph.integrate import Diffrax, KickDriftKick
+from jaxsph.error_control import Diffrax
+from jaxsph.integrate import KickDriftKick
 from jaxsph.pytree import as_real, replace
+from jaxsph.stable_step import SAFETY
 
 SETTINGS = ("precision", "kernel", "neighbors", "step_fraction", "integrator", "tolerance")
 """precision: "float32" or "float64". kernel: such as "WendlandC2", of fluids and structures. neighbors: how many

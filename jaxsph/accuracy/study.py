@@ -14,10 +14,11 @@ import numpy as np
 from jaxsph.accuracy.measure import measured
 from jaxsph.accuracy.results import Number, Results, Row, Value
 from jaxsph.accuracy.settings import SETTINGS, applied, integrator_of, listed, time_step_of
-from jaxsph.dynamics import stable_time_step, topologies
+from jaxsph.dynamics import topologies
+from jaxsph.error_control import Diffrax
 from jaxsph.errors import SimulationError
-from jaxsph.integrate import Diffrax
 from jaxsph.simulate import simulate
+from jaxsph.stable_step import stable_time_step
 
 
 @dataclass(eq=False)

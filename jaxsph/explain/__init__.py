@@ -10,7 +10,6 @@ Everything is an estimate from the scene as it stands at the start: positions, n
 from __future__ import annotations
 
 from jaxsph import checks
-from jaxsph.dynamics import stable_time_step
 from jaxsph.effects import PenaltyForce
 from jaxsph.explain.cost import Cost
 from jaxsph.explain.cost import measure as measured
@@ -23,6 +22,7 @@ from jaxsph.explain.numbers import numbers_of
 from jaxsph.explain.summary import summary
 from jaxsph.pytree import is_concrete
 from jaxsph.scene import Scene
+from jaxsph.stable_step import stable_time_step
 
 __all__ = ["Cost", "Explanation", "Facts", "Finding", "Number", "explain", "summary"]
 

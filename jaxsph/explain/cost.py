@@ -5,11 +5,12 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from jaxsph.dynamics import stable_time_step, topologies
+from jaxsph.dynamics import topologies
 from jaxsph.errors import SimulationError
 from jaxsph.pytree import replace
 from jaxsph.scene import Scene
 from jaxsph.simulate import simulate
+from jaxsph.stable_step import stable_time_step
 
 STEPS, LONG, ROUNDS = 16, 4, 3
 """Steps of a short run, how many times longer the long one is, and how often both are timed."""

@@ -10,10 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.dynamics import fluid_time_step
 from jaxsph.effects import ArtificialViscosity, BodyForce
 from jaxsph.explain import arrangement
 from jaxsph.materials.elastic import p_wave_speed
+from jaxsph.stable_step import fluid_time_step
 
 MOMENTS = 200  # at which the speed of a moving wall is looked at
 

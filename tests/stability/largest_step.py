@@ -13,8 +13,8 @@ from columns import STRONG, gripped
 from rows import Case, Row, precision
 
 import jaxsph
-from jaxsph.dynamics import SAFETY
 from jaxsph.geometry import box
+from jaxsph.stable_step import SAFETY
 
 FACTORS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.1, 1.2, 1.4, 1.6)
 GAIN = 0.01  # of the largest kinetic energy: beyond the limit that is gained in a few steps

@@ -18,8 +18,8 @@ from tension import JET_LENGTH, JET_SPEED, JET_WIDTH, two_jets  # noqa: E402
 from watch import alternation, lowest_determinant, rise, rows_of, watch  # noqa: E402
 
 import jaxsph  # noqa: E402
-from jaxsph.dynamics import SAFETY  # noqa: E402
 from jaxsph.pytree import replace  # noqa: E402
+from jaxsph.stable_step import SAFETY  # noqa: E402
 
 WHERE = ("quick", "float32")
 

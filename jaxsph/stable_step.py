@@ -1,0 +1,188 @@
+"""The largest stable time step: of sound in fluids and structures, of viscosity, of plates beside water, of contact."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxsph.contact import contact_time_step
+from jaxsph.dynamics import prepare, topologies
+from jaxsph.effects import AcousticDamper, ArtificialViscosity, Contact, KelvinVoigt, PenaltyForce
+from jaxsph.state import State, to_columns
+from jaxsph.structure import Reference, elastic_acceleration
+
+POWER_ITERATIONS = 60
+SOUND_LIMIT, VISCOUS_LIMIT, SOUND_RINGS = 0.8, 0.25, 1.1  # of h / c, of h^2 / nu; the h / c at which sound is unstable
+SAFETY = 0.9  # of the stable step: the power iteration comes from below, and stretched bodies get stiffer
+
+
+def largest_stable_time_step(
+    scene, references: dict[str, Any], substeps: tuple | None = None, columns: dict | None = None
+):
+    """Largest stable step [s] of a scene: of its structures, `structure_time_step`; with fluids, `fluid_time_step`.
+
+    columns: by structure the fields of a state, in which they are deformed; None takes the reference configuration.
+
+    In a scene with fluids structures take many small steps in one of the fluids: they limit it only if it is known how
+    many, substeps = (("plate", 12), ...).
+    """
+    limit = jnp.asarray(jnp.inf, scene.dtype)
+    for structure in scene.structures:
+        steps = 1 if not scene.fluids else dict(substeps or ()).get(structure.name)
+        if steps is not None:
+            here = None if columns is None else columns[structure.name]["displacement"]
+            limit = jnp.minimum(limit, steps * structure_time_step(scene, structure, references[structure.name], here))
+    touching = contact_time_step(scene, references)
+    if not scene.fluids:
+        # Both act on the same particles in one step: the squares of the frequencies add up.
+        return limit if scene.effect(Contact) is None else 1 / jnp.sqrt(1 / limit**2 + 1 / touching**2)
+    for fluid in scene.fluids:
+        limit = jnp.minimum(limit, fluid_time_step(scene, fluid))
+        for solid in scene.solids:
+            if solid.thickness is not None:
+                limit = jnp.minimum(limit, plate_time_step(scene, fluid, solid))
+    return jnp.minimum(limit, touching)
+
+
+def plate_time_step(scene, fluid, structure):
+    """Largest stable time step [s] for a plate beside a fluid: that of its mass on the spring of the fluid.
+
+    The layer of fluid at a plate resists its motion with the stiffness rho c^2 / dx, per area and per length; with the
+    mass rho_s t per area of the plate the frequency is c sqrt(rho / (rho_s t dx)). The step is 1 over that, half of
+    what one side of the plate would allow: both sides may be wet, and the fluid be denser for a moment.
+    """
+    ratio = jnp.min(structure.density) / fluid.density
+    return jnp.sqrt(ratio * structure.thickness * scene.spacing) / fluid.sound_speed
+
+
+def structure_time_step(scene, structure, ready: Reference, displacement=None):
+    """2 / w_max [s], less with friction: the limit of kick-drift-kick for the fastest vibration about a displacement.
+
+    The frequency comes from a power iteration on the linearised elastic forces, so it holds for any kernel,
+    arrangement of particles, law and penalty; it is of the order of the spacing over the p-wave speed. Bodies that are
+    stretched by a part of their length vibrate faster.
+
+    displacement: (d, N) [m]; None takes the reference configuration.
+    """
+    penalty = scene.effect(PenaltyForce)
+    here = jnp.zeros_like(ready.positions) if displacement is None else displacement
+
+    def stiffness(direction):
+        force = lambda u: elastic_acceleration(structure, ready, u, penalty, forward_mode=True)  # noqa: E731
+        return -ready.moving * jax.jvp(force, (here,), (direction,))[1]
+
+    start = np.random.default_rng(0).standard_normal(ready.positions.shape)
+    vector = ready.moving * jnp.asarray(start, ready.positions.dtype)
+
+    def iterate(carry, _):
+        vector, _ = carry
+        vector = vector / jnp.sqrt(jnp.maximum(jnp.sum(vector**2), jnp.finfo(vector.dtype).tiny))
+        image = stiffness(vector)
+        return (image, jnp.sqrt(jnp.sum(image**2))), None
+
+    (_, squared), _ = jax.lax.scan(iterate, (vector, jnp.zeros((), vector.dtype)), length=POWER_ITERATIONS)
+    limit, friction = 2 / jnp.sqrt(jnp.maximum(squared, jnp.finfo(squared.dtype).tiny)), scene.effect(KelvinVoigt)
+    return limit if friction is None else friction.stable(limit)
+
+
+def fluid_time_step(scene, fluid):
+    """Largest stable time step [s] of a fluid: that of sound, or of what damps it or of viscosity if that is shorter.
+
+    Sound: 1.1 h / c, where the fastest standing wave of disordered particles turns by 2 in a step. Viscosity: as the
+    explicit diffusion of a wave that alternates from particle to particle, h^2 / (4 nu). SOUND_LIMIT leaves room below
+    the first: a rotating square whose arms are under tension gains energy at 1.1 h / c, four other scenes none up to
+    1.4 (F35 in docs/validation.md). The second is not swept.
+
+    A damper takes the share alpha (h / c) w^2 of its speed from a standing wave of the frequency w, by the rate of the
+    step before. With that a kick-drift-kick of the step dt is stable while (w dt)^2 + 2 alpha (h / c) w^2 dt < 4; if
+    the fastest wave allows dt = S h / c without a damper, that is dt = (sqrt(alpha^2 + S^2) - alpha) h / c.
+
+    Artificial viscosity damps sound by three times its kinematic viscosity, alpha h c / (2 (d + 2)), while all pairs
+    approach: it counts as that much more of a damper, with S = 1.1, so that it limits the step from an alpha of about 1
+    on (F35). Its beta is not counted.
+    """
+    h = scene.smoothing_length
+    limit, share = jnp.asarray(SOUND_LIMIT * h / fluid.sound_speed), 0.0
+    damper, artificial = scene.effect(AcousticDamper), scene.effect(ArtificialViscosity)
+    if damper is not None:
+        share = damper.alpha
+        limit = _damped(share, SOUND_LIMIT) * h / fluid.sound_speed
+    if artificial is not None:
+        share = share + 1.5 * artificial.alpha / (scene.dimension + 2)
+        limit = jnp.minimum(limit, _damped(share, SOUND_RINGS) * h / fluid.sound_speed)
+    if fluid.viscosity is not None:
+        nu = fluid.viscosity / fluid.density
+        limit = jnp.minimum(limit, VISCOUS_LIMIT * h**2 / jnp.maximum(nu, jnp.finfo(scene.dtype).tiny))
+    return limit
+
+
+def _damped(share, undamped):
+    return jnp.sqrt(share**2 + undamped**2) - share
+
+
+def largest_stable(scene, found: dict[str, Any], columns: dict | None = None) -> float:
+    """`largest_stable_time_step` as a plain number [s], infinite for rigid bodies alone. Of plain numbers.
+
+    Raises ValueError if no particle can move.
+    """
+    free = bool(scene.fluids or scene.rigid_bodies)
+    if not free and all(np.all(structure.clamped) for structure in scene.structures):
+        raise ValueError("no particle of the scene can move: all are clamped")
+    with jax.ensure_compile_time_eval():  # inside of jit too, where another argument is traced
+        return float(_limit(scene, found, columns))
+
+
+def safe(limit: float) -> float:
+    """`SAFETY` of the largest stable step [s]. Raises ValueError if there is none."""
+    if not math.isfinite(limit):
+        raise ValueError("nothing in the scene limits the time step, rigid bodies alone do not; pass time_step=")
+    return SAFETY * limit
+
+
+def stable_time_step(scene, found: dict[str, Any] | None = None, state: State | None = None) -> float:
+    """The time step [s] that `simulate` takes by default: .9 of the largest stable one.
+
+    With fluids that is theirs; `stable_substeps` says into how many steps structures divide it.
+
+    state: whose deformation decides, of a scene without fluids; None takes the reference configuration, as `simulate`
+        does. For a run in which bodies stretch by much, the step of its most stretched state is the one to pass.
+
+    Raises ValueError if no particle can move, nothing limits the step, or a state is given of a scene with fluids.
+    """
+    found = topologies(scene) if found is None else found
+    if state is not None and scene.fluids:
+        raise ValueError("state= is for scenes without fluids: beside a fluid structures take substeps of its step")
+    columns = None if state is None else to_columns(state.systems, found)
+    return safe(largest_stable(scene, found, columns))
+
+
+def stable_substeps(scene, time_step: float, found: dict[str, Any] | None = None) -> dict[str, int]:
+    """By structure the number of steps that it takes within one of the fluids [s]: .9 of its largest stable, or less.
+
+    Of a scene without fluids all are 1. For a fit take the stiffest and lightest scene that can occur.
+    """
+    if not scene.fluids:
+        return {structure.name: 1 for structure in scene.structures}
+    limits = structure_limits(scene, topologies(scene) if found is None else found)
+    return {name: max(1, math.ceil(float(time_step) / (SAFETY * limit))) for name, limit in limits.items()}
+
+
+def structure_limits(scene, found: dict[str, Any]) -> dict[str, float]:
+    """By structure its largest stable step [s], as a plain number. Of plain numbers."""
+    with jax.ensure_compile_time_eval():
+        return {name: float(limit) for name, limit in _structure_limits(scene, found).items()}
+
+
+@jax.jit
+def _limit(scene, found, columns=None):
+    return largest_stable_time_step(scene, prepare(scene, found), None, columns)
+
+
+@jax.jit
+def _structure_limits(scene, found):
+    references = prepare(scene, found)
+    return {s.name: structure_time_step(scene, s, references[s.name]) for s in scene.structures}
