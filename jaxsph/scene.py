@@ -9,26 +9,15 @@ import numpy as np
 
 from jaxsph import checks, pytree
 from jaxsph.density import ContinuityDensity, DensityCalculator
-from jaxsph.effects import (
-    AcousticDamper,
-    BodyForce,
-    Contact,
-    Damping,
-    FlowEffect,
-    KelvinVoigt,
-    KernelGradientCorrection,
-    PenaltyForce,
-    ShepardFilter,
-    Shifting,
-    TensileControl,
-)
+from jaxsph.effects import Contact, FlowEffect
 from jaxsph.fluid import Fluid
 from jaxsph.kernels import Kernel, WendlandC2
 from jaxsph.neighbors import Domain
 from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, static
 from jaxsph.rigid_body import RigidBody
+from jaxsph.scene_checks import check_density, check_effects, check_meetings, check_systems
 from jaxsph.structure import Structure
-from jaxsph.walls import Wall, WallContinuity, WallSummation
+from jaxsph.walls import Wall
 
 SMOOTHING_LENGTH = 1.5
 """Smoothing length of the fluids in particle spacings, if none is given."""
@@ -71,11 +60,11 @@ class Scene:
     ):
         if len(systems) == 1 and isinstance(systems[0], (tuple, list)):
             systems = tuple(systems[0])
-        _check_systems(systems)
+        check_systems(systems)
         real, d = systems[0].dtype, systems[0].dimension
         gravity = np.zeros(d) if gravity is None else gravity
         checks.check_finite("gravity", gravity, (d,))
-        _check_effects(effects, systems)
+        check_effects(effects, systems)
         flows = [system for system in systems if isinstance(system, Fluid)]
         if domain is not None and domain.dimension != d:
             raise ValueError(f"the domain has {domain.dimension} axes, the particles {d}")
@@ -84,9 +73,9 @@ class Scene:
         if smoothing_length is not None:
             checks.check_positive("smoothing_length", smoothing_length, "m")
             smoothing_length = as_real(smoothing_length, real)
-        _check_meetings(systems, effects, flows)
+        check_meetings(systems, effects, flows)
         density = ContinuityDensity() if density is None else density
-        _check_density(density, systems, effects)
+        check_density(density, systems, effects)
         set_field = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
         set_field("systems", tuple(systems))
         set_field("gravity", as_real(gravity, real))
@@ -222,91 +211,6 @@ class Scene:
         from jaxsph.explain import explain
 
         return explain(self, **about)
-
-
-def _check_systems(systems):
-    for system in systems:
-        if not isinstance(system, (Structure, RigidBody, Fluid, Wall)):
-            raise ValueError(
-                f"a scene is made of fluids, walls, structures and rigid bodies, not of {type(system).__name__}"
-            )
-    if not systems:
-        raise ValueError("a scene needs at least one system of particles")
-    names = [system.name for system in systems]
-    if len(set(names)) != len(names):
-        raise ValueError(f"two systems have the same name: {names}")
-    taken = {"gravity", "smoothing_length", "density", "kernel", "domain"} & set(names)
-    if taken:
-        raise ValueError(f"a system is called {sorted(taken)[0]!r}, which names a number of the scene; rename it")
-    dimensions, kinds = {s.dimension for s in systems}, {str(s.dtype) for s in systems}
-    if len(dimensions) > 1 or len(kinds) > 1:
-        raise ValueError(f"all systems of a scene need one dimension and one precision, not {dimensions}, {kinds}")
-
-
-def _check_effects(effects, systems):
-    for effect in effects:
-        if not isinstance(effect, (PenaltyForce, Damping, KelvinVoigt, Contact, FlowEffect, ShepardFilter, Shifting)):
-            raise ValueError(f"{effect!r} is not an effect; see jaxsph.effects for those that are")
-        wanted: Any = Structure if isinstance(effect, (PenaltyForce, KelvinVoigt)) else Fluid
-        if isinstance(effect, (Contact, Damping)):
-            wanted = (Structure, RigidBody)
-        if not any(isinstance(system, wanted) for system in systems) and not isinstance(effect, BodyForce):
-            raise ValueError(
-                f"{type(effect).__name__} acts on a {_names(wanted)}, and the scene has none; leave it out"
-            )
-    moving = [type(effect).__name__ for effect in effects if isinstance(effect, Shifting)]
-    if len(set(moving)) > 1:
-        raise ValueError(f"a scene has at most one effect that moves particles off their paths, not {moving}")
-    if any(isinstance(effect, KernelGradientCorrection) for effect in effects):
-        if not any(isinstance(effect, Shifting) and not effect.free_surface for effect in effects):
-            raise ValueError(
-                "KernelGradientCorrection is for flows that fill their domain, and leaves it to shifting to keep "
-                "particles apart: list ParticleShifting() without a free surface or TransportVelocity() too"
-            )
-        if any(isinstance(effect, TensileControl) for effect in effects):
-            raise ValueError("KernelGradientCorrection and TensileControl both take p_b - p_a; leave one of them out")
-    kinds = [type(effect) for effect in effects if not isinstance(effect, BodyForce)]
-    if len(set(kinds)) != len(kinds):
-        raise ValueError(f"an effect can be listed once: {[kind.__name__ for kind in kinds]}")
-
-
-def _names(kinds) -> str:
-    return " or ".join(kind.__name__ for kind in (kinds if isinstance(kinds, tuple) else (kinds,)))
-
-
-def _check_meetings(systems, effects, flows):
-    """Walls without fluids are there for solids to touch."""
-    contact = next((effect for effect in effects if isinstance(effect, Contact)), None)
-    walls = [system for system in systems if isinstance(system, Wall)]
-    if contact is None:
-        if walls and not flows:
-            raise ValueError("a scene with walls needs a fluid, or a solid and Contact(); `clamped` holds a structure")
-        return
-    if len(systems) - len(flows) < 2:
-        raise ValueError("Contact acts between two solids or a solid and a wall, and the scene has one; leave it out")
-    if contact.modulus is None and not flows and not any(isinstance(system, Structure) for system in systems):
-        raise ValueError("Contact of rigid bodies without a fluid needs its modulus [Pa], such as Contact(modulus=1e6)")
-    for system in systems:
-        model = getattr(system, "pressure", None)
-        if not flows and isinstance(model, (WallContinuity, WallSummation)):
-            raise ValueError(f"{type(model).__name__} of {system.name!r} needs a fluid, and the scene has none")
-
-
-def _check_density(density, systems, effects):
-    kind = type(density).__name__
-    for effect in effects:
-        if density.evolved != "density_deviation" and isinstance(effect, ShepardFilter):
-            raise ValueError(f"ShepardFilter smooths a density that {kind} does not evolve; leave it out")
-        if density.evolved != "density_deviation" and isinstance(effect, AcousticDamper):
-            raise ValueError(f"AcousticDamper needs the rate of a density that {kind} does not evolve; leave it out")
-        if density.evolved != "density_deviation" and getattr(effect, "density_flux", None) is not None:
-            raise ValueError(f"{type(effect).__name__} smooths a density that {kind} does not evolve; leave it out")
-    for wall in [system for system in systems if isinstance(system, Wall)]:
-        if density.evolved == "pressure" and isinstance(wall.pressure, (WallContinuity, WallSummation)):
-            raise ValueError(
-                f"{type(wall.pressure).__name__} of {wall.name!r} takes its pressure from an equation of state, "
-                f"which {kind} does not have; take AdamiExtrapolation()"
-            )
 
 
 def _described(s) -> str:

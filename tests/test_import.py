@@ -39,6 +39,7 @@ ORDER = [
     "structure",
     "rigid_body",
     "effects",
+    "scene_checks",
     "scene",
     "state",
     "flow",
