@@ -29,7 +29,7 @@ def energies(scene, state, found=None) -> dict:
         `internal`: of fluids, what their compression stores: `StateEquation.energy`.
         `gravitational`: of solids -m g . u, from the reference configuration; of fluids -m g . x, from the origin.
             In a periodic domain with gravity along a periodic axis it jumps where a particle leaves the box.
-        `total`: their sum.
+        `total`: their sum. What `WallRepulsion` stores while particles are close to a wall is not in it.
     """
     penalty, gravity = scene.effect(PenaltyForce), jnp.asarray(scene.gravity)
     kinetic = elastic = internal = gravitational = jnp.zeros((), scene.dtype)
