@@ -38,7 +38,7 @@ USUAL = (DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(PENALTY))
 """Effects of the scenes of fluids and plates."""
 
 STRUCK = (*USUAL, WallRepulsion())
-"""Of those in which water strikes: a jet that sinks into the far wall comes out with up to 8 % of the energy more."""
+"""Of the one whose jets go on to the far wall: one that sinks into it comes out, with up to 8 % of the energy more."""
 
 
 def friction_of(structure: Any) -> KelvinVoigt:
