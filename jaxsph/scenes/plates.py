@@ -183,7 +183,8 @@ def dam_break_gate_plate(
         place: of its left face [m].
         sound_speed: of the water [m/s].
         smoothing: smoothing length in spacings of the water.
-        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(1)`.
+        effects: None takes `DeltaDiffusion(0.1)`, `ArtificialViscosity(0.02)`, `PenaltyForce(1)`, and a
+            `KelvinVoigt` friction of a tenth of the spacing over the speed of p-waves in the plate.
         dtype: float32 or float64; None takes jax's default.
     """
     dam = dam_break_gate(spacing, sound_speed=sound_speed, smoothing=smoothing, dtype=dtype)
@@ -199,7 +200,7 @@ def dam_break_gate_plate(
         thickness=thickness,
     )
     basin = replace(dam["tank"], particles=without(dam["tank"].particles, body))
-    effects = USUAL if effects is None else effects
+    effects = (*USUAL, friction_of(plate)) if effects is None else effects
     return plate_scene(
         dam["water"], basin, dam["gate"], plate, effects=effects, smoothing=smoothing * spacing, inside=(0.8, 0.8)
     )
