@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxsph.effects import ArtificialViscosity, DeltaDiffusion, KelvinVoigt, PenaltyForce, WallRepulsion
+from jaxsph.effects import ArtificialViscosity, DeltaDiffusion, KelvinVoigt, PenaltyForce
 from jaxsph.geometry import Particles, clamped_strip
 from jaxsph.materials import lame_parameters
 from jaxsph.neighbors import Domain
@@ -36,9 +36,6 @@ def without(walls: Particles, body: Particles) -> Particles:
 
 USUAL = (DeltaDiffusion(0.1), ArtificialViscosity(0.02), PenaltyForce(PENALTY))
 """Effects of the scenes of fluids and plates."""
-
-STRUCK = (*USUAL, WallRepulsion())
-"""Of the one whose jets go on to the far wall: one that sinks into it comes out, with up to 8 % of the energy more."""
 
 
 def friction_of(structure: Any) -> KelvinVoigt:

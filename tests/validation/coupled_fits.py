@@ -28,7 +28,7 @@ def summary_of(example: Callable[..., dict], **options: Any) -> dict:
 
 def plate(quick: bool) -> Iterator[list[Row]]:
     """Twins with 5 % noise, from three times the modulus; a seed for each row, since splashes make the cost rough."""
-    for seed in (0,) if quick else (0, 1, 2):
+    for seed in (0,) if quick else (0, 1, 2, 3):
         found = summary_of(calibrate_fsi.main, seed=seed)["twin"]
         where = (f"a / dx = {found['particles']}, seed {seed}", "float32")
         modulus = found["youngs_modulus"]
@@ -42,9 +42,14 @@ def plate(quick: bool) -> Iterator[list[Row]]:
 
 
 def published(quick: bool) -> Iterator[list[Row]]:
-    """The tips of the plate that two finite-element codes computed, with a modulus of 1 MPa."""
-    for name in ("Idelsohn2008",) if quick else ("Idelsohn2008", "Meduri2018"):
-        found = summary_of(calibrate_fsi.main, fits=(name,))[name]
+    """The tips of the plate that two finite-element codes computed, with a modulus of 1 MPa.
+
+    The fine fit, whose runs take long, starts at that modulus, the others at three times.
+    """
+    runs = (("Idelsohn2008", 20, 5, 3.0), ("Meduri2018", 20, 5, 3.0), ("Idelsohn2008", 45, 7, 1.0))
+    for name, particles, across, start in runs[:1] if quick else runs:
+        options = {"particles": particles, "across": across, "start": start}
+        found = summary_of(calibrate_fsi.main, fits=(name,), **options)[name]
         where = (f"a / dx = {found['particles']}, {name}", "float32")
         modulus = found["youngs_modulus"]
         yield [
@@ -56,19 +61,24 @@ def published(quick: bool) -> Iterator[list[Row]]:
 
 
 def joint(quick: bool) -> Iterator[list[Row]]:
-    """Modulus and viscosity of viscous water together, a twin with 5 % noise, both from three times off."""
-    found = summary_of(calibrate_fsi.main, fits=("joint",))["joint"]
-    where = (f"a / dx = {found['particles']}", "float32")
-    modulus, viscosity = found["youngs_modulus"], found["viscosity"]
-    of_viscosity = abs(viscosity / calibrate_fsi.TRUE_VISCOSITY - 1)
-    yield [
-        Row("relative error of E", found["relative_error"], None, *where),
-        Row("relative error of the viscosity", of_viscosity, None, *where),
-        Row("relative standard error of E", found["standard_error"] / modulus, None, *where),
-        Row("relative standard error of the viscosity", found["standard_error_viscosity"] / viscosity, None, *where),
-        Row("correlation of E and viscosity", found["correlation"], None, *where),
-        Row("simulation runs", found["simulation_runs"], None, *where),
-    ]
+    """Modulus and viscosity of viscous water together, a twin with 5 % noise, both from three times off.
+
+    From the tip and the front of the water, and from the tip alone.
+    """
+    for name, seen in (("joint", "tip and front"), ("joint_tip", "tip alone"))[: 1 if quick else None]:
+        found = summary_of(calibrate_fsi.main, fits=(name,))[name]
+        where = (f"a / dx = {found['particles']}, {seen}", "float32")
+        modulus, viscosity = found["youngs_modulus"], found["viscosity"]
+        of_viscosity = abs(viscosity / calibrate_fsi.TRUE_VISCOSITY - 1)
+        stated = found["standard_error_viscosity"] / viscosity
+        yield [
+            Row("relative error of E", found["relative_error"], None, *where),
+            Row("relative error of the viscosity", of_viscosity, None, *where),
+            Row("relative standard error of E", found["standard_error"] / modulus, None, *where),
+            Row("relative standard error of the viscosity", stated, None, *where),
+            Row("correlation of E and viscosity", found["correlation"], None, *where),
+            Row("simulation runs", found["simulation_runs"], None, *where),
+        ]
 
 
 def gate(quick: bool) -> Iterator[list[Row]]:
