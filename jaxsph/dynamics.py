@@ -128,6 +128,27 @@ def prepare(scene, topologies: dict[str, Any]) -> dict[str, Any]:
     return ready
 
 
+def shared_if_alike(references: dict[str, Any]) -> dict[str, Any]:
+    """References in which masses and cells that are alike are one number, which pair sums need not gather.
+
+    `prepare` sees that they are if it runs where they are known; of a scene that is an argument of a compiled function
+    it can't.
+    """
+    out = dict(references)
+    for name, ready in references.items():
+        if isinstance(ready, FluidReference):
+            out[name] = replace(ready, mass=_one_if_alike(ready.mass))
+        elif isinstance(ready, WallReference):
+            out[name] = replace(ready, cells=_one_if_alike(ready.cells))
+    return out
+
+
+def _one_if_alike(values):
+    values = np.asarray(values)
+    alike = values.ndim == 1 and np.ptp(values) <= 1e-6 * np.max(values)
+    return np.mean(values, dtype=np.float64).astype(values.dtype) if alike else values
+
+
 def place_boundaries(scene, references, columns, time) -> dict:
     """Positions, velocities and accelerations (d, N) of walls at a time [s], and of solids as they are.
 

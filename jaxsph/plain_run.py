@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxsph import surroundings
 from jaxsph.advance import advance_compiled, begin_compiled, ready_compiled, solve_compiled
-from jaxsph.dynamics import Order, in_cell_order, place_boundaries, positions_of
+from jaxsph.dynamics import Order, in_cell_order, place_boundaries, positions_of, shared_if_alike
 from jaxsph.error_control import Diffrax
 from jaxsph.health import BEYOND_SKIN, GOOD, OVERFLOW, raise_if_failed
 from jaxsph.pytree import replace
@@ -61,8 +61,9 @@ def _start(scene, found, state, options):
         while too_small:
             found = _with_room(scene, found)
             references, columns, too_small = begin_compiled(scene, found, state)
-        return references, columns, found
+        return shared_if_alike(references), columns, found
     references, columns = ready_compiled(scene, found, state)
+    references = shared_if_alike(references)
     if int(state.step) == 0:  # one that has been stepped brings the forces of its last step
         once = {**options, "n_steps": 1, "rebuild_every": 1}
         stepped, _, found, _ = _to_next_save(scene, references, columns, replace(state, systems={}), found, 0.0, once)
