@@ -106,26 +106,33 @@ def pair_sum(
     particles = particles[:1] if one_set else particles
     edge_fields = None if edges is None else _take(edges.forward, kept[2])
     rows, members = neighbors, getattr(neighbors, "members", None) is not None
+    forward = _rows_of(rows)
     if members:
         # Only some particles of both sets have a row: their values are taken out, and the sums put back among zeros.
         parts = (rows, rows.transpose)
-        neighbors = PairList(rows.indices, rows.count, PairList(rows.transpose.indices, rows.transpose.count))
         particles = tuple(
             jax.tree.map(partial(_taken, part), fields) for part, fields in zip(parts, particles, strict=True)
         )
-    if forward_mode and not in_tiles(neighbors, edge_fields):
-        total = over_slots(of_pair, particles, edge_fields, neighbors, constants, signs, transposable=True)
+    if forward_mode and not in_tiles(forward, edge_fields):
+        total = over_slots(of_pair, particles, edge_fields, forward, constants, signs, transposable=True)
         return jax.tree.map(partial(_put_back, rows), total) if members else total
-    forward = PairList(neighbors.indices, neighbors.count)
     fixed = {
         "list": forward,
-        "back": forward if one_set else PairList(neighbors.transpose.indices, neighbors.transpose.count),
+        "back": forward if one_set else _rows_of(rows.transpose),
         "edge_back": None if edges is None or edges.backward is None else _take(edges.backward, kept[2]),
     }
     if edges is not None and edges.backward is None and signs is None:
         raise ValueError("these edges were made without backward values; state the symmetry of the physics")
     total = transposable(of_pair, signs)((particles, edge_fields, constants), fixed)
     return jax.tree.map(partial(_put_back, rows), total) if members else total
+
+
+def _rows_of(part) -> PairList:
+    """What of a list a loop needs; of one that has members, how many of its rows are in use."""
+    used = getattr(part, "used", None)
+    if getattr(part, "members", None) is not None:
+        used = jnp.max(jnp.where(part.count > 0, jnp.arange(1, part.count.shape[0] + 1, dtype=part.count.dtype), 0))
+    return PairList(part.indices, part.count, used=used)
 
 
 def _taken(part, leaf):

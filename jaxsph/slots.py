@@ -33,6 +33,10 @@ TILE = 32_768
 next asks for it again. Tiles of this size are 3 times faster in 3D from 50,000 particles on and twice as fast in
 2D at half a million, and cost nothing at 50,000 in 2D, where smaller ones are slower."""
 
+SMALLEST_TILE, PARTS = 1024, 8
+"""Lists of which the first rows are in use, those of particles near another set, go through in up to 8 parts: rows that
+wait for what may come near take no time then."""
+
 
 @pytree_dataclass
 class PairList:
@@ -43,11 +47,13 @@ class PairList:
             own index in a list of one set, any index that exists in a list of two.
         count: (N,) number of valid slots.
         transpose: the list seen from the senders; None for one set, whose list is symmetric.
+        used: how many rows are in use, the first ones; None if all may be.
     """
 
     indices: Any
     count: Any
     transpose: Any = None
+    used: Any = None
 
     def transposed(self) -> PairList:
         """The list with receivers and senders exchanged."""
@@ -180,7 +186,7 @@ def _over_used(f, particles, edge, neighbors, constants, signs, derivative, tran
     fields_a, fields_b = components(particles[0]), components(particles[-1])
     batched = jax.vmap(of_components)
     n_slots, n = neighbors.indices.shape
-    width = n if transposable else _width_of_tiles(n)
+    width = n if transposable else _width_of_tiles(n, neighbors.used is not None)
     several_from = UNROLL_OTHERS_FROM if derivative or transposable else UNROLL_FROM
     unroll = min(_slots_in_a_turn(width, derivative, several_from), n_slots)
     whole = n_slots % unroll == 0 or transposable
@@ -219,7 +225,7 @@ def _over_used(f, particles, edge, neighbors, constants, signs, derivative, tran
         add = partial(add_slot, receivers=fields_a, count=neighbors.count)
         totals, _ = jax.lax.scan(add, [jnp.zeros(n, dtype) for dtype in dtypes], slots, unroll=unroll)
     else:
-        totals = _tile_by_tile(of_tile, n, width, dtypes)
+        totals = _tile_by_tile(of_tile, n, width, dtypes, neighbors.used)
     totals = iter(totals)
     return jax.tree.unflatten(structure, [joined(totals, shape.shape) for shape in shapes])
 
@@ -227,16 +233,21 @@ def _over_used(f, particles, edge, neighbors, constants, signs, derivative, tran
 def in_tiles(neighbors, edge) -> bool:
     """Whether the receivers of a list go through its slots so many at a time."""
     n = neighbors.indices.shape[1]
-    return not jax.tree.leaves(edge) and _width_of_tiles(n) < n
+    return not jax.tree.leaves(edge) and _width_of_tiles(n, partly_used=False) < n
 
 
-def _width_of_tiles(n):
-    """The number of receivers in a tile: as few tiles as TILE allows, of about the same size."""
+def _width_of_tiles(n, partly_used):
+    """The number of receivers in a tile: as few tiles as TILE allows, of about the same size.
+
+    partly_used: whether only the first rows may be in use; then tiles that hold none are left out.
+    """
     tiles = max(1, math.ceil(n / TILE))
+    if partly_used:
+        tiles = max(tiles, min(PARTS, math.ceil(n / SMALLEST_TILE)))
     return min(n, 64 * math.ceil(n / (64 * tiles)))
 
 
-def _tile_by_tile(of_tile, n, width, dtypes):
+def _tile_by_tile(of_tile, n, width, dtypes, used=None):
     """Totals (n,), computed so many at a time."""
     if width == n:
         return of_tile(0)
@@ -248,7 +259,8 @@ def _tile_by_tile(of_tile, n, width, dtypes):
         put = partial(jax.lax.dynamic_update_slice_in_dim, start_index=first, axis=0)
         return [put(total, part) for total, part in zip(totals, parts, strict=True)]
 
-    return jax.lax.fori_loop(0, math.ceil(n / width), add_tile, [jnp.zeros(n, dtype) for dtype in dtypes])
+    n_tiles = math.ceil(n / width) if used is None else -(-used // width)
+    return jax.lax.fori_loop(0, n_tiles, add_tile, [jnp.zeros(n, dtype) for dtype in dtypes])
 
 
 def _rows(first, width, leaf):

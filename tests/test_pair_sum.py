@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial import KDTree
 
-from jaxsph import PairList, pair_edges, pair_sum, slots
+from jaxsph import Domain, PairList, pair_edges, pair_sum, slots
+from jaxsph.neighbors import neighbor_list
+from jaxsph.neighbors.lists import raise_if_wrong
 from jaxsph.pair_sum import apply, dot, symmetry_error
 from jaxsph.pytree import replace
 
@@ -138,6 +140,34 @@ def test_tiles_of_receivers_change_nothing(sets, tile, monkeypatch):
     ):
         # the same terms in the same order; XLA may contract products and sums in another way
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-14 * np.abs(expected).max() * 330)
+
+
+def test_rows_that_are_not_in_use_change_nothing(monkeypatch):
+    """Values and derivatives of lists with rows for those near the other set: in parts, of which one is cut short."""
+    monkeypatch.setattr(slots, "SMALLEST_TILE", 50)
+    draw = np.random.default_rng(6)
+    x, y = draw.uniform(0, 1, (2, 3000)), draw.uniform(0, 1, (2, 2000))
+    y[1] *= 0.2
+    x, y = jnp.asarray(x), jnp.asarray(y)
+    search = neighbor_list(Domain((0, 0), (1, 1)), 0.04, capacity_multiplier=1.5)
+    all_rows, few = search.allocate(x, y), search.allocate(x, y, near_only=True)
+    raise_if_wrong(few)
+    in_use = int(jnp.max(jnp.where(few.count > 0, jnp.arange(few.count.shape[0]) + 1, 0)))
+    part = slots._width_of_tiles(few.count.shape[0], partly_used=True)
+    assert part < few.count.shape[0] // 7 and in_use % part and in_use + part < few.count.shape[0], "parts are left out"
+
+    def everything(neighbors, x, y):
+        def loss(x, y):
+            of_pair = lambda a, b: (a - b) / (1 + dot(a - b, a - b)) * a[0] * b[1] ** 2  # noqa: E731
+            return weighted(pair_sum(of_pair, x, y, neighbors))
+
+        return loss(x, y), jax.grad(loss, argnums=(0, 1))(x, y), jax.jvp(loss, (x, y), (jnp.cos(x), y))[1]
+
+    got, expected = (jax.tree.leaves(jax.jit(everything)(one, x, y)) for one in (few, all_rows))
+    for one, other in zip(got, expected, strict=True):
+        assert np.abs(other).max() > 0
+        # the same terms in another order: rows follow the members of the other set
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-13 * np.abs(other).max() * 20)
 
 
 @pytest.mark.parametrize("several", [2, 100])
