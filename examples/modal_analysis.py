@@ -19,7 +19,8 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import eigs
 
 import jaxsph as sph
-from jaxsph.structure import displacement_gradient, elastic_acceleration, reference, topology
+from jaxsph.elastic_forces import displacement_gradient, elastic_acceleration
+from jaxsph.structure import reference, topology
 
 # J. P. Gray, J. J. Monaghan, R. P. Swift (2001), Comput. Methods Appl. Mech. Eng. 190, 6641.
 LENGTH, THICKNESS = 0.2, 0.02  # m

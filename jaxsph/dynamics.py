@@ -11,10 +11,11 @@ import numpy as np
 from jaxsph import surroundings
 from jaxsph.contact import TOUCHING, bodies, contact_forces, touching
 from jaxsph.effects import BodyForce, Contact, Damping, KelvinVoigt, PenaltyForce
+from jaxsph.elastic_forces import elastic_acceleration
 from jaxsph.flow import FluidReference, WallReference, forces
 from jaxsph.pytree import is_concrete, pytree_dataclass, replace
 from jaxsph.rigid_body import RigidBody, RigidReference, rigid_acceleration, rigid_reference
-from jaxsph.structure import Reference, Structure, elastic_acceleration, reference, topology
+from jaxsph.structure import Reference, Structure, reference, topology
 from jaxsph.thin_wall import thin_wall
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from jaxsph.contact import contact_time_step
 from jaxsph.dynamics import prepare, topologies
 from jaxsph.effects import AcousticDamper, ArtificialViscosity, Contact, KelvinVoigt, PenaltyForce
+from jaxsph.elastic_forces import elastic_acceleration
 from jaxsph.state import State, to_columns
-from jaxsph.structure import Reference, elastic_acceleration
+from jaxsph.structure import Reference
 
 POWER_ITERATIONS = 60
 SOUND_LIMIT, VISCOUS_LIMIT, SOUND_RINGS = 0.8, 0.25, 1.1  # of h / c, of h^2 / nu; the h / c at which sound is unstable

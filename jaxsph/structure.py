@@ -12,19 +12,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.ad_checkpoint import checkpoint_name
 
 from jaxsph import checks
 from jaxsph.geometry.shapes import Particles
 from jaxsph.kernels import Kernel, WendlandC2
 from jaxsph.materials.elastic import ElasticLaw, StVenantKirchhoff, lame_parameters
-from jaxsph.pair_sum import Edges, PairList, apply, dot, pair_edges, pair_sum
+from jaxsph.pair_sum import Edges, PairList, dot, pair_edges, pair_sum
 from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, replace, static
 from jaxsph.system import System
-from jaxsph.tensors import inverse, multiply, transpose
+from jaxsph.tensors import inverse
 from jaxsph.walls import AdamiExtrapolation, WallPressure, check_model
 
 SMOOTHING_LENGTH = 0.87
@@ -254,70 +252,6 @@ def reference(structure: Structure, topology: Topology, *, penalty: bool) -> Ref
         moving=jnp.asarray(~structure.clamped[order], positions.dtype),
         positions=positions,
         thin=topology.thin,
-    )
-
-
-def difference(a, b):
-    """a - b for displacements, or for pairs (displacement, remainder), whose high parts are subtracted first."""
-    return jax.tree.reduce(jnp.add, jax.tree.map(jnp.subtract, a, b))
-
-
-def displacement_gradient(reference: Reference, displacement, *, forward_mode: bool = False):
-    """H = F - I, (d, d, N), from displacements (d, N) [m], or (displacement, remainder): equation (17)."""
-
-    def of_pair(a, b, edge):
-        return difference(b, a)[:, None] * edge["gradient"][None, :]
-
-    uncorrected = pair_sum(
-        of_pair, displacement, displacement, reference.neighbors, reference.edges, symmetry=1, forward_mode=forward_mode
-    )
-    return multiply(uncorrected, transpose(reference.correction) / reference.volume)
-
-
-def elastic_acceleration(structure: Structure, reference: Reference, displacement, penalty=None, *, forward_mode=False):
-    """Acceleration by the stresses, and by the penalty force if there is one: equation (15), (d, N) [m/s^2].
-
-    displacement: (d, N) [m], or the pair (displacement, remainder).
-
-    With volumes, m_a a_a = V_a sum_b V_b (P_a K_a + P_b K_b) grad W, in place of masses over densities squared. Where
-    the density is uniform both are the same; where it is not, this one remains the gradient of the stored energy.
-    """
-    gradient = displacement_gradient(reference, displacement, forward_mode=forward_mode)
-    gradient = checkpoint_name(gradient, "displacement_gradient")
-    material = {**reference.uniform, **reference.varying}
-    stress = structure.law.stress(gradient, material["lam"], material["mu"])
-    direct = 0.0
-    if penalty is not None:
-        pulls = _over_penalty_pairs(
-            penalty.pair, reference, displacement, gradient, {"force": -1, "stress": 1}, forward_mode
-        )
-        stress, direct = stress + pulls["stress"] / reference.volume, pulls["force"]
-    traction = multiply(stress, reference.correction)
-
-    def force(a, b, edge):
-        return apply(a + b, edge["gradient"])
-
-    total = pair_sum(
-        force, traction, traction, reference.neighbors, reference.edges, symmetry=-1, forward_mode=forward_mode
-    )
-    return (total + direct) / (material["density"] * reference.volume)
-
-
-def penalty_energy(reference: Reference, displacement, gradient, penalty):
-    """Energy stored by the penalty force [J, in 2D per meter]."""
-    return 0.5 * jnp.sum(_over_penalty_pairs(penalty.pair_energy, reference, displacement, gradient, 1, False))
-
-
-def _over_penalty_pairs(of_pair, reference, displacement, gradient, symmetry, forward_mode):
-    fields, uniform = {"displacement": displacement, "displacement_gradient": gradient}, {}
-    of_modulus = fields if "youngs_modulus" in reference.varying else uniform
-    of_modulus["youngs_modulus"] = {**reference.uniform, **reference.varying}["youngs_modulus"]
-
-    def physics(a, b, edge):
-        return of_pair({**uniform, **a}, {**uniform, **b}, difference(a["displacement"], b["displacement"]), edge)
-
-    return pair_sum(
-        physics, fields, fields, reference.neighbors, reference.edges, symmetry=symmetry, forward_mode=forward_mode
     )
 
 

@@ -8,7 +8,8 @@ from bodies import block, in_columns, in_rows, peak
 
 import jaxsph as sph
 from jaxsph import pytree
-from jaxsph.structure import elastic_acceleration, reference, topology
+from jaxsph.elastic_forces import elastic_acceleration
+from jaxsph.structure import reference, topology
 
 SMALL = 1e-9  # [m/s]: so slow that what is not linear in the displacement is lost in rounding
 

@@ -11,7 +11,8 @@ from bodies import SPACING, block, in_columns, in_rows
 from scipy.spatial.transform import Rotation
 
 import jaxsph as sph
-from jaxsph.structure import displacement_gradient, elastic_acceleration, reference, topology, with_particles
+from jaxsph.elastic_forces import displacement_gradient, elastic_acceleration
+from jaxsph.structure import reference, topology, with_particles
 
 in_2d_and_3d = pytest.mark.parametrize("d", [2, 3])
 # Rounding of about 1e-16 and 6e-8, times the hundred or so by which the sums over neighbors amplify it: the

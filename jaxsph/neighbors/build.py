@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -12,10 +11,11 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Int
 
 from jaxsph.neighbors import jax_md
-from jaxsph.neighbors.cells import Box, CellGrid, cell_order, cumulative_sum
+from jaxsph.neighbors.cells import Box, CellGrid, cell_order
 from jaxsph.neighbors.domain import Domain
+from jaxsph.neighbors.filling import noted_outside, rebuilt
 from jaxsph.neighbors.lists import NeighborList, raise_if_wrong, require_senders
-from jaxsph.neighbors.search import Capacity, find_neighbors, index_cells
+from jaxsph.neighbors.search import Capacity
 from jaxsph.neighbors.sizes import most_neighbors, number_near, widest_ranges
 from jaxsph.pytree import is_concrete, replace
 
@@ -55,7 +55,7 @@ class NeighborSearch:
         senders = None if senders is None else self._checked(senders, "senders", positions.dtype)
         if self.builder == "jax-md":
             return jax_md.allocate(self, neighbors, positions)
-        return _rebuilt(self.grid, False, neighbors, positions, senders)
+        return rebuilt(self.grid, False, neighbors, positions, senders)
 
     def template(
         self,
@@ -79,7 +79,7 @@ class NeighborSearch:
         senders = None if senders is None else self._checked(senders, "senders", positions.dtype)
         # Sizes chosen for particles outside would be meaningless, so the sets are looked at first.
         blank = self._blank(positions, senders, Capacity(1, 1, 1))
-        raise_if_wrong(_noted_outside(blank, positions, senders, np))
+        raise_if_wrong(noted_outside(blank, positions, senders, np))
         if self.builder == "jax-md":
             return blank
         if senders is None:
@@ -129,8 +129,8 @@ class NeighborSearch:
             senders = self._checked(senders, "senders", like.dtype, like.shape)
         positions, senders = jax.lax.stop_gradient((positions, senders))
         if self.builder == "jax-md":
-            return jax_md.update(self, _noted_outside(neighbors, positions, senders, jnp), positions)
-        return _rebuilt(self.grid, in_cell_order, neighbors, positions, senders)
+            return jax_md.update(self, noted_outside(neighbors, positions, senders, jnp), positions)
+        return rebuilt(self.grid, in_cell_order, neighbors, positions, senders)
 
     def sort(self, positions: ArrayLike) -> Int[Array, " n"]:
         """The permutation that puts particles in cell order. Works inside jit.
@@ -272,78 +272,3 @@ def _larger(a: Capacity, b: Capacity, n_receivers: int) -> Capacity:
     """Sizes that suffice for both, of lists of so many receivers."""
     members = None if a.members is None or b.members is None else min(max(a.members, b.members), n_receivers)
     return Capacity(max(a.slots, b.slots), max(a.range, b.range), max(a.range_round, b.range_round), members)
-
-
-@partial(jax.jit, static_argnums=(0, 1))
-def _rebuilt(grid, in_cell_order, neighbors, positions, senders):
-    neighbors = _noted_outside(neighbors, positions, senders, jnp)
-    if neighbors.members is not None:
-        return _rebuilt_near(grid, neighbors, positions, senders)
-    indexed = index_cells(grid, positions, in_cell_order)
-    if neighbors.transpose is None:
-        permutation, _, _, _ = indexed
-        return _filled(grid, neighbors, positions, indexed, _places(permutation, positions.shape[1]))
-    transpose = neighbors.transpose
-    forward = _filled(grid, neighbors, positions, index_cells(grid, senders, in_cell_order), None)
-    return replace(forward, transpose=_filled(grid, transpose, senders, indexed, None))
-
-
-def _rebuilt_near(grid, neighbors, positions, senders):
-    """A list of two sets with rows for those near each other: found, and then searched like any two sets."""
-    forward, positions_near, n_near = _chosen(grid, neighbors, positions, senders)
-    back, senders_near, n_senders_near = _chosen(grid, neighbors.transpose, senders, positions)
-    forward = _filled(grid, forward, positions_near, index_cells(grid, senders_near, False), None, n_near)
-    back = _filled(grid, back, senders_near, index_cells(grid, positions_near, False), None, n_senders_near)
-    return replace(forward, reference=positions, transpose=replace(back, reference=senders))
-
-
-def _chosen(grid, part, positions, others):
-    """The list with its members chosen, their positions (NaN in rows that are left over), and how many they are."""
-    n, rows = positions.shape[1], part.capacity.members
-    near = grid.any_near(positions, others)
-    standing = cumulative_sum(near.astype(jnp.int32))
-    place = jnp.where(near, jnp.minimum(standing - 1, rows), rows)
-    members = jnp.full(rows, n, jnp.int32).at[place].set(jnp.arange(n, dtype=jnp.int32), mode="drop")
-    n_near = standing[-1]
-    part = replace(part, members=members, place=place, needed_members=jnp.maximum(part.needed_members, n_near))
-    return part, positions.at[:, members].get(mode="fill", fill_value=jnp.nan), n_near
-
-
-def _filled(grid, neighbors, receivers, indexed_senders, own, n_used=None):
-    """The list of these receivers, or of the first n_used, with its flags brought up to date."""
-    permutation, sorted_senders, starts, ordered = indexed_senders
-    indices, count, width, width_round = find_neighbors(
-        grid, receivers, sorted_senders, starts, permutation, own, neighbors.capacity, n_used
-    )
-    return replace(
-        neighbors,
-        indices=indices,
-        count=jnp.minimum(count, neighbors.capacity.slots),
-        reference=receivers,
-        needed_slots=jnp.maximum(neighbors.needed_slots, jnp.max(count)),
-        needed_range=jnp.maximum(neighbors.needed_range, jnp.stack([width, width_round])),
-        out_of_order=neighbors.out_of_order | ~ordered,
-    )
-
-
-def _places(permutation, n):
-    """Where each particle stands in cell order: the inverse of the permutation."""
-    standing = jnp.arange(n, dtype=jnp.int32)
-    if permutation is None:
-        return standing
-    return jnp.zeros(n, jnp.int32).at[permutation].set(standing, unique_indices=True, mode="promise_in_bounds")
-
-
-def _noted_outside(neighbors: NeighborList, positions, senders, xp) -> NeighborList:
-    """The list with the first particle outside noted, unless one has been already. xp is NumPy or its JAX double."""
-    positions = xp.asarray(positions)
-    contained = neighbors.grid.domain.contains(positions)
-    first = xp.argmin(contained)
-    is_news = ~contained[first] & (xp.asarray(neighbors.outside) < 0)
-    if neighbors.transpose is not None:
-        neighbors = replace(neighbors, transpose=_noted_outside(neighbors.transpose, senders, None, xp))
-    return replace(
-        neighbors,
-        outside=jnp.asarray(xp.where(is_news, first.astype(np.int32), neighbors.outside)),
-        outside_position=jnp.asarray(xp.where(is_news, positions[:, first], neighbors.outside_position)),
-    )

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 from jaxsph.contact import LIST, TOUCHING, contact_energy
 from jaxsph.dynamics import place_boundaries, positions_of, prepare, topologies
 from jaxsph.effects import Contact, PenaltyForce
+from jaxsph.elastic_forces import displacement_gradient, penalty_energy
 from jaxsph.materials.elastic import lame_parameters
 from jaxsph.observe.structures import of_structure
 from jaxsph.state import to_columns
-from jaxsph.structure import displacement_gradient, penalty_energy
 from jaxsph.surroundings import rebuild
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import jax.numpy as jnp
 
+from jaxsph.elastic_forces import displacement_gradient
 from jaxsph.materials.elastic import cauchy_stress, von_mises
-from jaxsph.structure import Structure, displacement_gradient, reference, topology
+from jaxsph.structure import Structure, reference, topology
 
 
 def of_structure(scene, state, structure, found=None, *, penalty: bool = False):
