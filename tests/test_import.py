@@ -37,6 +37,7 @@ ORDER = [
     "thin_wall",
     "walls",
     "structure",
+    "elastic_forces",
     "rigid_body",
     "effects",
     "scene_checks",
