@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from neighbor_oracles import all_pairs, pairs_of, random
 
+from jaxsph import scenes
 from jaxsph.neighbors import CellGrid, Domain, cells, neighbor_list, raise_if_wrong
 
 
@@ -98,3 +99,19 @@ def test_neighbors_of_particles_that_left_the_box_are_found_and_they_do_not_crow
     found = {(int(here[i]), int(there[j])) for i, j in pairs_of(rows)}
     assert found == all_pairs(domain, positions, few, 0.17, same=False)
     assert 0 < int(rows.needed_members) < 700, "only some are near"
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_what_is_at_the_end_of_the_box_is_in_its_last_cells(kind):
+    """The walls of a tank end where the box does. In the first cells, where rounding may put them, they would crowd
+    those so much that lists with the reserve of a whole run are too small for its first step: all is compiled twice."""
+    scene = scenes.dam_break(71, smoothing=1.3, dtype=kind)
+    walls = np.asarray(scene.walls[0].particles.positions).T
+    box = tuple(walls.min(1).tolist()), tuple(walls.max(1).tolist())
+    search = neighbor_list(Domain((-20, -20), (20, 20)), 0.022, 0.009, capacity_multiplier=1.0, box=box)
+    assert search.grid.repeats(0)
+    last = np.asarray(search.grid.coordinates(jnp.asarray(walls)))[0, walls[0] == walls[0].max()]
+    assert (last == search.grid.cells[0] - 1).all()
+    neighbors = search.update(jnp.asarray(walls), search.template(walls))
+    raise_if_wrong(neighbors)
+    assert int(neighbors.needed_range[0]) == neighbors.capacity.range, "counted for the sizes as in the search"

@@ -17,6 +17,9 @@ Box = tuple[tuple[float, ...], tuple[float, ...]]
 
 CELLS_AT_MOST = 2**20  # more would cost more to count than they save; 4 MB
 BLOCK = 16  # of a cumulative sum
+MARGIN = (
+    0.01  # of the reach around a box: what is at its upper end would be in the last cell or, by rounding, the first
+)
 REPEATED = 16.0  # times the box: so far beyond it the rounding of coordinates in float32 is within the margin of cells
 
 
@@ -257,7 +260,8 @@ def _within(domain: Domain, reach: float, box: Box | None):
     lower, lengths = list(domain.lower), list(domain.lengths)
     for axis in range(domain.dimension):
         if box is not None and not domain.periodic[axis]:
-            low, high = max(box[0][axis], domain.lower[axis]), min(box[1][axis], domain.upper[axis])
+            low, high = box[0][axis] - MARGIN * reach, box[1][axis] + MARGIN * reach
+            low, high = max(low, domain.lower[axis]), min(high, domain.upper[axis])
             lower[axis], lengths[axis] = low, max(high - low, reach)
     return tuple(lower), tuple(lengths)
 

@@ -79,7 +79,8 @@ def _wrapped(grid, positions):
 def _coordinates(grid, positions):
     """Cells across (a list, one array for each axis) and along the rows."""
     rows = []
-    for axis, x in enumerate(_wrapped(grid, positions)):
+    # in their own precision, so that rounding puts nobody into another cell than `CellGrid.coordinates` does
+    for axis, x in enumerate(_wrapped(grid, positions).astype(positions.dtype)):
         number = np.floor((x - grid.lower[axis]) * (grid.cells[axis] / grid.lengths[axis]))
         if grid.closes(axis):
             number = np.mod(number, grid.cells[axis])
