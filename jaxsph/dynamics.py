@@ -13,7 +13,7 @@ from jaxsph.contact import TOUCHING, bodies, contact_forces, touching
 from jaxsph.effects import BodyForce, Contact, Damping, KelvinVoigt, PenaltyForce
 from jaxsph.elastic_forces import elastic_acceleration
 from jaxsph.flow import FluidReference, WallReference, forces
-from jaxsph.pytree import is_concrete, pytree_dataclass, replace
+from jaxsph.pytree import is_concrete, one_if_alike, pytree_dataclass, replace
 from jaxsph.rigid_body import RigidBody, RigidReference, rigid_acceleration, rigid_reference
 from jaxsph.structure import Reference, Structure, reference, topology
 from jaxsph.thin_wall import thin_wall
@@ -114,11 +114,8 @@ def prepare(scene, topologies: dict[str, Any]) -> dict[str, Any]:
         mass = fluid.mass()
         ready[fluid.name] = FluidReference(mass[topologies[fluid.name].order] if jnp.ndim(mass) else mass)
     for wall in scene.walls:
-        order, cells = topologies[wall.name].order, wall.particles.cells
-        if is_concrete(cells) and np.ptp(cells) <= 1e-6 * np.max(cells):
-            cells = jnp.asarray(np.mean(cells, dtype=np.float64), scene.dtype)
-        else:
-            cells = jnp.asarray(cells)[order]
+        order, cells = topologies[wall.name].order, jnp.asarray(one_if_alike(wall.particles.cells))
+        cells = cells[order] if cells.ndim else cells
         ready[wall.name] = WallReference(
             jnp.asarray(wall.particles.positions)[order].T, cells, topologies[wall.name].thin
         )
@@ -138,16 +135,10 @@ def shared_if_alike(references: dict[str, Any]) -> dict[str, Any]:
     out = dict(references)
     for name, ready in references.items():
         if isinstance(ready, FluidReference):
-            out[name] = replace(ready, mass=_one_if_alike(ready.mass))
+            out[name] = replace(ready, mass=one_if_alike(ready.mass))
         elif isinstance(ready, WallReference):
-            out[name] = replace(ready, cells=_one_if_alike(ready.cells))
+            out[name] = replace(ready, cells=one_if_alike(ready.cells))
     return out
-
-
-def _one_if_alike(values):
-    values = np.asarray(values)
-    alike = values.ndim == 1 and np.ptp(values) <= 1e-6 * np.max(values)
-    return np.mean(values, dtype=np.float64).astype(values.dtype) if alike else values
 
 
 def place_boundaries(scene, references, columns, time) -> dict:

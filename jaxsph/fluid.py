@@ -10,7 +10,7 @@ from jaxsph import checks
 from jaxsph.geometry.shapes import Particles
 from jaxsph.materials.state_equation import LinearStateEquation, StateEquation
 from jaxsph.materials.viscosity import MorrisViscosity, ViscosityLaw
-from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, static
+from jaxsph.pytree import as_real, is_concrete, one_if_alike, pytree_dataclass, static
 from jaxsph.system import System
 
 
@@ -97,6 +97,6 @@ class Fluid(System):
         One number is not gathered in the sums over neighbors.
         """
         volumes = self.particles.volumes
-        if self.pressure is None and is_concrete(volumes) and np.ptp(volumes) <= 1e-6 * np.max(volumes):
-            volumes = np.mean(volumes, dtype=np.float64).astype(self.dtype)
+        if self.pressure is None:
+            volumes = one_if_alike(volumes)
         return (self.density + self.initial_deviation()) * volumes

@@ -26,9 +26,10 @@ CURES = {
     "the upper end of the bounds)",
     GAVE_UP: "the error-controlled solver did not reach the end; allow more max_steps, loosen the tolerances, or check "
     "velocities and moduli",
-    OVERFLOW: "a particle got more neighbors than the neighbor list has slots, or more particles came near another "
-    "system than it has rows; allocate it from a state in which "
-    "particles are as close as they will be, jaxsph.topologies(scene, state), or with a larger capacity_multiplier",
+    OVERFLOW: "a particle got more neighbors than the neighbor list has slots, or more candidates than a row of its "
+    "cells has room for, or more particles came near another system than it has rows; allocate it from a state in "
+    "which particles are as close as they will be, jaxsph.topologies(scene, state), or with a larger "
+    "capacity_multiplier",
     OUTSIDE: "a particle left the domain; widen the scene's domain, or close the wall where it got through",
     BEYOND_SKIN: "particles moved further between two builds of the neighbor lists than their skin allows; state a "
     "larger max_speed, or take a smaller time_step",

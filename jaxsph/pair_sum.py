@@ -128,11 +128,8 @@ def pair_sum(
 
 
 def _rows_of(part) -> PairList:
-    """What of a list a loop needs; of one that has members, how many of its rows are in use."""
-    used = getattr(part, "used", None)
-    if getattr(part, "members", None) is not None:
-        used = jnp.max(jnp.where(part.count > 0, jnp.arange(1, part.count.shape[0] + 1, dtype=part.count.dtype), 0))
-    return PairList(part.indices, part.count, used=used)
+    """What of a list a loop needs."""
+    return PairList(part.indices, part.count, used=part.used)
 
 
 def _taken(part, leaf):

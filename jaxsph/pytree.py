@@ -72,6 +72,17 @@ def is_concrete(*values: Any) -> bool:
     )
 
 
+def one_if_alike(values: Any) -> Any:
+    """Values (N,) that are known and alike to rounding as their mean, one number; all others as they are.
+
+    A number is not gathered in the sums over neighbors.
+    """
+    if not is_concrete(values) or np.ndim(values) != 1:
+        return values
+    known = np.asarray(values)
+    return np.mean(known, dtype=np.float64).astype(known.dtype) if np.ptp(known) <= 1e-6 * np.max(known) else values
+
+
 def as_real(value: Any, dtype: Any) -> Any:
     """A number or array in a precision: of NumPy if it is known now, else traced."""
     return np.asarray(value, dtype) if is_concrete(value) else jnp.asarray(value, dtype)

@@ -156,13 +156,10 @@ def note(health: Health, lists: dict[str, NeighborList], positions: dict, step, 
         health = health.note(outside >= 0, OUTSIDE, step, outside, neighbors.reference.shape[1])
         beyond = ~neighbors.grid.domain.contains(positions[a])  # since the lists were built
         health = health.note(jnp.any(beyond), OUTSIDE, step, jnp.argmax(beyond), beyond.shape[0])
-        needed = jnp.max(jnp.stack([part.needed_slots for part in sets]))
-        limit = jnp.int32(neighbors.capacity.slots)
+        needed, limit = neighbors.needed_slots, jnp.int32(neighbors.capacity.slots)
         for part in sets:
-            if part.capacity.members is not None:
-                crowd = part.needed_members > part.capacity.members
-                needed = jnp.where(crowd, part.needed_members, needed)
-                limit = jnp.where(crowd, part.capacity.members, limit)
+            for number, room in part.needed_and_room:
+                needed, limit = jnp.where(number > room, number, needed), jnp.where(number > room, room, limit)
         health = health.note(neighbors.did_buffer_overflow, OVERFLOW, step, needed, limit)
         if left is None:
             closer, limit = moved(neighbors, positions[a], None if a == b else positions[b]), neighbors.skin

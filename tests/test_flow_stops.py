@@ -1,5 +1,7 @@
 """Runs with fluids that need more than was thought, leave their domain, or are told too little."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,6 +10,8 @@ from fluids import column
 
 import jaxsph as sph
 from jaxsph import plain_run, surroundings
+from jaxsph.health import Health
+from jaxsph.pytree import replace
 
 FIELDS = ("position", "velocity", "acceleration", "density_deviation", "density_gradient")
 RAISED_IN_JIT = (RuntimeError, ValueError)  # as one or the other jax hands on what a callback raised
@@ -47,6 +51,19 @@ def test_a_thin_plate_that_water_will_surround_has_room_from_the_start():
     plate = lists["water-plate"].transpose
     assert plate is not None and int(plate.needed_members) == scene["plate"].n_particles
     assert not bool(lists["water-plate"].did_buffer_overflow)
+
+
+@pytest.mark.parametrize(("array", "needed"), [("slots", "needed_slots"), ("range", "needed_range")])
+def test_what_is_noted_is_the_array_that_was_too_small(scene, array, needed):
+    """Not the neighbors, of which there were enough, where a row of cells held too many candidates."""
+    found = sph.topologies(scene)
+    template = found["water-water"]
+    small = replace(template, capacity=dataclasses.replace(template.capacity, **{array: 2}))
+    place = {"water": jnp.asarray(scene["water"].particles.positions).T}
+    lists = surroundings.rebuild(scene, {"water-water": small}, place, [("water", "water")])
+    health = surroundings.note(Health.good(scene.dtype), lists, place, 0)
+    assert int(health.limit) == 2
+    assert int(health.number) == np.max(getattr(lists["water-water"], needed)) > 2
 
 
 def test_lists_grow_by_more_each_time(scene, monkeypatch):

@@ -65,14 +65,24 @@ class NeighborList:
     builder: str = static(default="cells")
 
     @property
+    def needed_and_room(self) -> list[tuple[Int[Array, ""], int]]:
+        """Of each array of this list, not of the transpose, how much of it has been needed and how much there is."""
+        sizes, (width, width_round) = self.capacity, self.needed_range
+        pairs = [(self.needed_slots, sizes.slots), (width, sizes.range), (width_round, sizes.range_round)]
+        return pairs if sizes.members is None else [*pairs, (self.needed_members, sizes.members)]
+
+    @property
     def did_buffer_overflow(self) -> Bool[Array, ""]:
         """Whether neighbors or candidates did not fit, here or in the transpose; the list is then wrong."""
-        needed = jnp.stack([self.needed_slots, self.needed_range[0], self.needed_range[1]])
-        available = jnp.asarray([self.capacity.slots, self.capacity.range, self.capacity.range_round])
-        overflow = jnp.any(needed > available)
-        if self.capacity.members is not None:
-            overflow |= self.needed_members > self.capacity.members
+        overflow = jnp.any(jnp.stack([needed > room for needed, room in self.needed_and_room]))
         return overflow if self.transpose is None else overflow | self.transpose.did_buffer_overflow
+
+    @property
+    def used(self) -> Int[Array, ""] | None:
+        """How many rows are in use, the first ones; None if all receivers have one."""
+        if self.members is None:
+            return None
+        return jnp.max(jnp.where(self.count > 0, jnp.arange(1, self.count.shape[0] + 1, dtype=self.count.dtype), 0))
 
     @property
     def is_wrong(self) -> Bool[Array, ""]:
