@@ -75,9 +75,9 @@ def in_components(f: Callable, single: tuple, constants: Any, keep_rules: bool =
     return of_components, structure, shapes, read_of_b
 
 
-def components(tree: Any) -> list:
-    """The components of fields (..., N), each (N,)."""
-    return [leaf[index] for leaf in jax.tree.leaves(tree) for index in np.ndindex(leaf.shape[:-1])]
+def components(tree: Any, axes: int = 1) -> list:
+    """The components of fields (..., N), each (N,), or with two axes of their own of fields (..., K, N)."""
+    return [leaf[index] for leaf in jax.tree.leaves(tree) for index in np.ndindex(leaf.shape[:-axes])]
 
 
 def _filled(numbers, shape):

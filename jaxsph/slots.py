@@ -16,24 +16,18 @@ import jax.numpy as jnp
 
 from jaxsph.components import components, in_components
 from jaxsph.pytree import pytree_dataclass, replace
+from jaxsph.side_by_side import SideBySide
 
-UNROLL_FROM, UNROLL = 3000, 4
-"""From this many particles on, the forward loop over lists that change does 4 slots in a turn, which lets XLA use both
-cores; below, one slot a turn is faster. Measured by `make bench`, turns; the next two by pair_sum."""
-
-UNROLL_OTHERS_FROM = 8192
-"""From this many on the other loops do several: those over the edges of solids, over tangents and over adjoints."""
-
-UNROLL_DERIVATIVE, UNROLL_DERIVATIVE_UP_TO = 2, 40_000
-"""The loops over tangents and adjoints carry more: 2 slots in a turn are faster by a quarter at 10,000 particles and no
-better from 40,000 on, where one slot alone keeps both cores busy (in float64, 2 are slower there)."""
+UNROLL_FROM, UNROLL = 1024, 4
+"""From this many particles on loops do 4 slots in a turn: between turns the sums are written and read again. Below, one
+slot a turn is as fast or faster. Measured by `make bench`, turns; the next two by pair_sum."""
 
 TILE = 32_768
 """At most so many receivers go through the slots together: of more, what one slot gathers has left the cache before the
 next asks for it again. Tiles of this size are 3 times faster in 3D from 50,000 particles on and twice as fast in
 2D at half a million, and cost nothing at 50,000 in 2D, where smaller ones are slower."""
 
-SMALLEST_TILE, PARTS = 1024, 8
+SMALLEST_TILE, PARTS = 2048, 8
 """Lists of which the first rows are in use, those of particles near another set, go through in up to 8 parts: rows that
 wait for what may come near take no time then."""
 
@@ -75,7 +69,7 @@ class Edges:
 
 
 def gather(leaf, index):
-    return leaf.at[..., index].get(mode="promise_in_bounds")
+    return leaf.at[..., index].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 def _gathered(leaves, index):
@@ -85,8 +79,7 @@ def _gathered(leaves, index):
 def _gathered_by_two(leaves):
     """`_gathered` of these leaves (N,) as a function of the index: two real ones at a time, as one complex field.
 
-    Half of a pair sum's time goes into gathering, and two numbers that lie side by side take as long as one: forward
-    sums are faster by a sixth in float32 and by a thirtieth in float64. Loops over tangents are slower this way.
+    Two numbers that lie side by side take as long as one. Loops over tangents are slower this way.
     """
     places: dict = {}
     for place, leaf in enumerate(leaves):
@@ -132,63 +125,26 @@ def pair_edges(geometry: Callable, particles: Any, neighbors: Any, *, backward: 
 
 
 def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivative=False, transposable=False):
-    """Sum f(a, b, edge, constants) over the slots of a list. particles: one set (a,), or two sets (a, b).
+    """Sum f(a, b, edge, constants) over the slots of a list, or over all of them if the loop is to be transposed.
 
     Whatever the empty slots give is left out. Where f is antisymmetric it need not be: there the particle is
-    paired with itself.
+    paired with itself. All fields go through the loop component by component.
 
-    derivative: whether f is a tangent or an adjoint, which decides how many slots are done in a turn.
+    particles: one set (a,), or two sets (a, b).
+    derivative: whether f is a tangent or an adjoint, which may be differentiated again.
     transposable: whether JAX will differentiate the loop in reverse mode.
-
-    Lists with edges, those of solids, are short and never change; their fields go through the loop as they are. Other
-    lists have slots that are not in use, and the loop ends with the last one that is; their fields go through it
-    component by component. Either way takes one and a half to two times as long for the lists of the other.
     """
-    if jax.tree.leaves(edge):
-        return _over_fixed(f, particles, edge, neighbors, constants, signs, derivative)
-    return _over_used(f, particles, edge, neighbors, constants, signs, derivative, transposable)
 
+    def of_one(tree, axes):
+        return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[:-axes], leaf.dtype), tree)
 
-def _over_fixed(f, particles, edge, neighbors, constants, signs, derivative):
-    """Over all slots, each with its edge."""
-    a, b = particles[0], particles[-1]
-    batched = jax.vmap(f, in_axes=(-1, -1, -1, None), out_axes=-1)
-
-    def of_slot(index, edge_of_slot):
-        near = jax.tree.map(lambda leaf: gather(leaf, index), b)
-        return batched(a, near, edge_of_slot, constants)
-
-    first = jax.tree.map(lambda leaf: leaf[..., 0, :], edge)
-    shapes, structure = jax.tree.flatten(jax.eval_shape(of_slot, neighbors.indices[0], first))
-    masked = [signs is None or sign != -1 for sign in signs or [None] * len(shapes)]
-
-    def add_slot(totals, slot):
-        number, index, edge_of_slot = slot
-        values = jax.tree.leaves(of_slot(index, edge_of_slot))
-        return _added(totals, values, masked, number < neighbors.count), None
-
-    n_slots, n = neighbors.indices.shape
-    slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices)
-    slots = (*slots, jax.tree.map(lambda leaf: jnp.moveaxis(leaf, -2, 0), edge))
-    totals = [jnp.zeros(shape.shape, shape.dtype) for shape in shapes]
-    unroll = min(_slots_in_a_turn(n, derivative, UNROLL_OTHERS_FROM), n_slots)
-    totals, _ = jax.lax.scan(add_slot, totals, slots, unroll=unroll)
-    return jax.tree.unflatten(structure, totals)
-
-
-def _over_used(f, particles, edge, neighbors, constants, signs, derivative, transposable):
-    """Over the slots in use, or over all of them if the loop is to be transposed."""
-    single = tuple(
-        jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape[:-1], leaf.dtype), tree)
-        for tree in (particles[0], particles[-1])
-    )
-    of_components, structure, shapes, read_of_b = in_components(f, (*single, edge), constants, keep_rules=transposable)
-    fields_a, fields_b = components(particles[0]), components(particles[-1])
+    single = (of_one(particles[0], 1), of_one(particles[-1], 1), of_one(edge, 2))
+    of_components, structure, shapes, read_of_b = in_components(f, single, constants, keep_rules=transposable)
+    fields_a, fields_b, edges = components(particles[0]), components(particles[-1]), components(edge, 2)
     batched = jax.vmap(of_components)
     n_slots, n = neighbors.indices.shape
-    width = n if transposable else _width_of_tiles(n, neighbors.used is not None)
-    several_from = UNROLL_OTHERS_FROM if derivative or transposable else UNROLL_FROM
-    unroll = min(_slots_in_a_turn(width, derivative, several_from), n_slots)
+    width = n if transposable or edges else _width_of_tiles(n, neighbors.used is not None)
+    unroll = min(UNROLL if width >= UNROLL_FROM else 1, n_slots)
     whole = n_slots % unroll == 0 or transposable
     masked = [
         signs is None or signs[leaf] != -1 or not whole
@@ -196,34 +152,42 @@ def _over_used(f, particles, edge, neighbors, constants, signs, derivative, tran
         for _ in range(math.prod(shape.shape))
     ]
     dtypes = [shape.dtype for shape in shapes for _ in range(math.prod(shape.shape))]
-
+    side_by_side = SideBySide(dtypes, differentiable=derivative)
     of_b = [leaf if read else None for leaf, read in zip(fields_b, read_of_b, strict=True)]
     near_of = partial(_gathered, of_b) if derivative or transposable else _gathered_by_two(of_b)
 
-    def add_slot(totals, slot, receivers, count):
-        number, index = slot
-        near = near_of(index)
-        return _added(totals, batched(receivers, near, []), masked, number < count), None
+    def values_of(slot, index, edges_of_slot, receivers, count):
+        return _masked(batched(receivers, near_of(index), edges_of_slot), masked, slot < count)
 
     def of_tile(first):
         """The sums of the receivers from the first on, up to the last slot that one of them has in use."""
         receivers, count = jax.tree.map(partial(_rows, first, width), (fields_a, neighbors.count))
 
         def turn(carry):
-            slot, totals = carry
-            for step in range(unroll):
-                index = jax.lax.dynamic_index_in_dim(neighbors.indices, slot + step, keepdims=False)
-                index = _rows(first, width, index)
-                totals, _ = add_slot(totals, (slot + step, index), receivers, count)
-            return slot + unroll, totals
+            slot, sums = carry
+            totals = side_by_side.apart(sums)
+            with jax.enable_x64(is_double):  # as the physics expects
+                for step in range(unroll):
+                    index, of_slot = jax.tree.map(partial(_slot, slot + step), (neighbors.indices, edges))
+                    values = values_of(slot + step, _rows(first, width, index), of_slot, receivers, count)
+                    totals = [total + value for total, value in zip(totals, values, strict=True)]
+            return slot + unroll, side_by_side.joined(totals)
 
-        used, totals = jnp.max(count), [jnp.zeros(width, dtype) for dtype in dtypes]
-        return jax.lax.while_loop(lambda carry: carry[0] < used, turn, (jnp.zeros_like(used), totals))[1]
+        used, is_double = jnp.max(count), jax.config.read("jax_enable_x64")
+        with side_by_side.types_allowed():
+            nothing = side_by_side.joined([jnp.zeros(width, dtype) for dtype in dtypes])
+            sums = jax.lax.while_loop(lambda carry: carry[0] < used, turn, (jnp.zeros_like(used), nothing))[1]
+            return side_by_side.apart(sums)
 
     if transposable:
-        slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices)
-        add = partial(add_slot, receivers=fields_a, count=neighbors.count)
-        totals, _ = jax.lax.scan(add, [jnp.zeros(n, dtype) for dtype in dtypes], slots, unroll=unroll)
+
+        def add_slot(totals, slot):
+            number, index, edges_of_slot = slot
+            values = values_of(number, index, edges_of_slot, fields_a, neighbors.count)
+            return [total + value for total, value in zip(totals, values, strict=True)], None
+
+        slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices, edges)
+        totals, _ = jax.lax.scan(add_slot, [jnp.zeros(n, dtype) for dtype in dtypes], slots, unroll=unroll)
     else:
         totals = _tile_by_tile(of_tile, n, width, dtypes, neighbors.used)
     totals = iter(totals)
@@ -268,26 +232,22 @@ def _rows(first, width, leaf):
     return leaf if leaf.shape[-1] == width else jax.lax.dynamic_slice_in_dim(leaf, first, width, axis=-1)
 
 
-def _added(totals, values, masked, filled):
-    """Totals and what a slot gives; of masked values only that of the filled slots."""
-    values = [
+def _slot(number, leaf):
+    """One slot of values (K, N)."""
+    return jax.lax.dynamic_index_in_dim(leaf, number, keepdims=False)
+
+
+def _masked(values, masked, filled):
+    """Of the masked values only those of the filled slots."""
+    return [
         jnp.where(filled, value, jnp.zeros((), value.dtype)) if mask else value
         for value, mask in zip(values, masked, strict=True)
     ]
-    return [total + value for total, value in zip(totals, values, strict=True)]
 
 
 def joined(parts, shape):
     """The field of components (N,) taken from an iterator, (*shape, N)."""
     return jnp.stack([joined(parts, shape[1:]) for _ in range(shape[0])]) if shape else next(parts)
-
-
-def _slots_in_a_turn(n_particles: int, derivative: bool, several_from: int) -> int:
-    if n_particles < several_from:
-        return 1
-    if not derivative:
-        return UNROLL
-    return UNROLL_DERIVATIVE if n_particles < UNROLL_DERIVATIVE_UP_TO else 1
 
 
 def per_slot(f, particles, edge, neighbors):

@@ -19,7 +19,7 @@ from jaxsph.neighbors import Capacity, Domain, NeighborList, closing, far_enough
 from jaxsph.pytree import replace
 from jaxsph.walls import WallSummation
 
-SKIN = 0.2
+SKIN = 0.15
 """Of the support radius. A larger one makes builds rarer and every pass over the pairs longer."""
 
 SKIN_BETWEEN_SETS = 2.0

@@ -14,6 +14,7 @@ from jaxsph.neighbors import neighbor_list
 from jaxsph.neighbors.lists import raise_if_wrong
 from jaxsph.pair_sum import apply, dot, symmetry_error
 from jaxsph.pytree import replace
+from jaxsph.side_by_side import SideBySide
 
 CUTOFF = 0.45
 N = {"one": (40, 40), "two": (40, 25)}
@@ -196,15 +197,61 @@ def test_several_slots_in_a_turn_change_nothing(sets, sign, several, monkeypatch
         return loss(x, y), slopes(x, y), tangents
 
     one = jax.jit(everything)(x, y)
-    for name in ("UNROLL_FROM", "UNROLL_OTHERS_FROM"):
-        monkeypatch.setattr(slots, name, 1)
-    for name in ("UNROLL", "UNROLL_DERIVATIVE"):
-        monkeypatch.setattr(slots, name, several)
+    monkeypatch.setattr(slots, "UNROLL_FROM", 1)
+    monkeypatch.setattr(slots, "UNROLL", several)
     for got, expected in zip(
         jax.tree.leaves(jax.jit(lambda *both: everything(*both))(x, y)), jax.tree.leaves(one), strict=True
     ):
         # the same terms in the same order; XLA may contract products and sums in another way
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-14 * np.abs(expected).max() * 75)
+
+
+def test_sums_side_by_side_are_those_of_each_alone():
+    """Four numbers in float32 are carried as one: their bits, whatever they are, and their first two derivatives."""
+    a, _, neighbors = problem("one", 2, np.float32)
+
+    def of_pair(a, b):
+        r = a["x"] - b["x"]
+        w = 1 / (1 + dot(r, r) / 0.3**2)
+        return {"vector": w * r, "number": b["m"] * w, "five": [w * a["m"] ** k for k in range(5)], "flag": 1}
+
+    together = pair_sum(of_pair, a, a, neighbors)
+    for name, found in together.items():
+        alone = pair_sum(lambda a, b, name=name: {name: of_pair(a, b)[name]}, a, a, neighbors)[name]
+        for one, other in zip(jax.tree.leaves(found), jax.tree.leaves(alone), strict=True):
+            # the same terms in the same order, products and sums contracted in another way
+            np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-6)
+    assert jnp.issubdtype(together["flag"].dtype, jnp.integer)
+    np.testing.assert_array_equal(together["flag"], neighbors.count)
+
+    def loss(a):
+        of_real = lambda a, b: {name: out for name, out in of_pair(a, b).items() if name != "flag"}  # noqa: E731
+        return weighted(pair_sum(of_real, a, a, neighbors))
+
+    direction = jax.tree.map(jnp.cos, a)
+    second = jax.jit(lambda a, v: jax.jvp(jax.grad(loss), (a,), (v,)))
+    wide = second(*jax.tree.map(lambda v: v.astype(np.float64), (a, direction)))
+    for got, expected in zip(jax.tree.leaves(second(a, direction)), jax.tree.leaves(wide), strict=True):
+        # hundreds of terms of both signs, rounded to 6e-8
+        np.testing.assert_allclose(got, expected, rtol=0, atol=1e-4 * np.abs(expected).max() + 1e-30)
+
+
+@pytest.mark.parametrize("x64", [False, True])
+def test_numbers_side_by_side_keep_their_bits(x64):
+    """Whether types of 64 bits are switched on or not, and also where physics closes over NumPy's."""
+    odd = np.array([0.0, -0.0, np.inf, -np.inf, np.nan, 1e-45, -3.4e38, np.pi], np.float32)
+    with jax.enable_x64(x64):
+        values = [jnp.asarray(np.roll(odd, k)) for k in range(7)]
+        both = SideBySide([value.dtype for value in values], differentiable=False)
+        assert [len(group) for group in both.groups] == [4, 3]
+        with both.types_allowed():
+            back = both.apart(both.joined(values))
+        for one, other in zip(back, values, strict=True):
+            np.testing.assert_array_equal(np.asarray(one).view(np.uint32), np.asarray(other).view(np.uint32))
+        a, _, neighbors = problem("one", 2, np.float32)
+        of_pair = lambda a, b: [np.float64(k) * b["m"] for k in range(4)]  # noqa: E731
+        out = pair_sum(of_pair, a, a, neighbors)
+        assert {one.dtype for one in out} == {jnp.promote_types(np.float64 if x64 else np.float32, np.float32)}
 
 
 def test_any_number_of_fields():

@@ -40,6 +40,8 @@ class ArtificialViscosity(FlowEffect):
         """[N]."""
         approach = dot(a["velocity"] - b["velocity"], pair.offset)
         h = pair.smoothing_length
-        mu = h * jnp.where(approach < 0, approach, 0.0) / (pair.squared + 0.01 * h**2)
-        viscosity = (-self.alpha * pair.sound_speed * mu + self.beta * mu**2) / (0.5 * (a["density"] + b["density"]))
+        closing = jnp.where(approach < 0, approach, 0.0) / h
+        distance = pair.squared / h**2 + 0.01
+        density = 0.5 * (a["density"] + b["density"])
+        viscosity = (self.beta * closing - self.alpha * pair.sound_speed * distance) * closing / (distance**2 * density)
         return -a["mass"] * b["mass"] * viscosity * pair.gradient
