@@ -2,7 +2,8 @@
 
 Loops over pairs carry their sums so. For one array XLA makes one pass over the particles, in which what was gathered,
 every distance and every sum stays in a register. For several arrays it makes a pass for each of them and for all that
-they share, with arrays in between: up to twice as slow.
+they share, with arrays in between: up to twice as slow (`make bench`, turns). That is so on CPUs; for other devices XLA
+makes one pass of several results by itself, and each sum stays an array of its own.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ class SideBySide:
 
     def __init__(self, dtypes: Sequence[Any], *, differentiable: bool):
         at_once = {jnp.dtype(jnp.float32): 2 if differentiable else 4, jnp.dtype(jnp.float64): 2}
+        at_once = at_once if jax.default_backend() == "cpu" else {}
         alike: dict[Any, list[int]] = {}
         for place, dtype in enumerate(dtypes):
             alike.setdefault(jnp.dtype(dtype), []).append(place)

@@ -26,6 +26,7 @@ ORDER = [
     "neighbors",
     "linear_call",
     "components",
+    "side_by_side",
     "slots",
     "pair_adjoint",
     "pair_sum",

@@ -1,8 +1,12 @@
-"""What it saves to go through several slots of a list in a turn: steps of a dam break, on lists as they are."""
+"""What the loop over pairs does to be fast: steps of a dam break as it is, and without, on lists as they are.
+
+Several slots of a list go through in a turn, and sums are carried side by side in one wide number.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 from unittest import mock
 
 import jax
@@ -12,19 +16,35 @@ from measure import compiled, interleaved, row
 import jaxsph
 from jaxsph import slots
 from jaxsph.advance import begin_compiled, lists_of
+from jaxsph.side_by_side import SideBySide
 
 STEPS = 10
 FALLEN = 0.1  # s: the water has left its lattice
 
 
+class EachAlone(SideBySide):
+    """Every sum in an array of its own."""
+
+    def __init__(self, dtypes, *, differentiable: bool):
+        super().__init__(dtypes, differentiable=differentiable)
+        self.groups = [[place] for place in range(len(dtypes))]
+
+
+WAYS = {
+    "as it is": nullcontext,
+    "one slot in a turn": lambda: mock.patch.object(slots, "UNROLL", 1),
+    "every sum in an array of its own": lambda: mock.patch.object(slots, "SideBySide", EachAlone),
+}
+
+
 def rows(precision: str, quick: bool) -> Iterator[list[dict]]:
     """Rows of one size after the other."""
-    for particles in (45,) if quick else (45, 56, 63):
-        yield [saving(particles, precision)]
+    for particles in (45,) if quick else (45, 71, 158):
+        yield savings(particles, precision)
 
 
-def saving(particles: int, precision: str) -> dict:
-    """Time of a step with one slot in a turn over that with `slots.UNROLL`."""
+def savings(particles: int, precision: str) -> list[dict]:
+    """Time of a step in each other way over that of one as it is."""
     scene = jaxsph.scenes.dam_break(particles, dtype=precision)
     state = jaxsph.simulate(scene, FALLEN).final
     found = jaxsph.topologies(scene, state)
@@ -32,20 +52,30 @@ def saving(particles: int, precision: str) -> dict:
     lists, _ = lists_of(scene, references, columns, found, state.time)
     integrator, time_step = jaxsph.KickDriftKick(), jnp.asarray(0.0, precision)
 
-    def steps_in_turns_of(several):
+    def steps_in(way):
         def steps(columns, lists):
             def one(_, columns):
                 return integrator.step(scene, references, columns, lists, state.time, time_step, forward_mode=False)
 
-            with mock.patch.object(slots, "UNROLL", several):
+            with way():
                 return jax.lax.fori_loop(0, STEPS, one, columns)
 
         return compiled(steps, columns, lists)
 
-    timings = interleaved({several: steps_in_turns_of(several) for several in (1, slots.UNROLL)}, 10.0)
-    for several, timing in timings.items():
-        print(timing.line(f"H / dx = {particles}, {several} in a turn"), flush=True)
+    timings = interleaved({name: steps_in(way) for name, way in WAYS.items()}, 10.0)
+    for name, timing in timings.items():
+        print(timing.line(f"H / dx = {particles}, {name}"), flush=True)
     counts = ", ".join(f"{s.n_particles:,} {s.name}" for s in scene.systems)
-    value = timings[1].over(timings[slots.UNROLL])
-    figure = f"a step with one slot in a turn / with {slots.UNROLL}"
-    return row(f"turns.{particles}.{precision}", "dam break", figure, value, "times", counts, precision)
+    usual, *others = timings
+    return [
+        row(
+            f"turns.{number}.{particles}.{precision}",
+            "dam break",
+            f"a step with {name} / as it is",
+            timings[name].over(timings[usual]),
+            "times",
+            counts,
+            precision,
+        )
+        for number, name in enumerate(others)
+    ]
