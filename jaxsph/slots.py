@@ -24,8 +24,8 @@ slot a turn is as fast or faster. Measured by `make bench`, turns; the next two 
 
 TILE = 32_768
 """At most so many receivers go through the slots together: of more, what one slot gathers has left the cache before the
-next asks for it again. Tiles of this size are 3 times faster in 3D from 50,000 particles on and twice as fast in
-2D at half a million, and cost nothing at 50,000 in 2D, where smaller ones are slower."""
+next asks for it again. Tiles of this size are twice as fast in 3D from 50,000 particles on and in 2D at half a million,
+and a tenth slower at 50,000 in 2D."""
 
 SMALLEST_TILE, PARTS = 2048, 8
 """Lists of which the first rows are in use, those of particles near another set, go through in up to 8 parts: rows that
