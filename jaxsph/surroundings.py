@@ -74,7 +74,7 @@ def allocate(
     box = tuple(everything.min(axis=1).tolist()), tuple(everything.max(axis=1).tolist())
     lists = {}
     for a, b in pairs_of(scene):
-        wide = skin if a == b else SKIN_BETWEEN_SETS * skin
+        wide = skin if a == b else max(skin, min(SKIN_BETWEEN_SETS * skin, _widest_skin(domain, cutoff)))
         search = neighbor_list(domain, reach if a == TOUCHING else cutoff, wide, capacity_multiplier, box=box)
         crowd = None
         if near_only and a != b and getattr(scene[b], "thickness", None) is not None:
@@ -82,6 +82,12 @@ def allocate(
         senders = None if a == b else positions[b]
         lists[f"{a}-{b}"] = search.template(positions[a], senders, near_only=near_only, crowd=crowd)
     return lists
+
+
+def _widest_skin(domain: Domain, cutoff: float) -> float:
+    """With which pairs within a cutoff meet only one image of each other in a periodic domain [m]."""
+    periods = [length for length, goes_round in zip(domain.lengths, domain.periodic, strict=True) if goes_round]
+    return min((0.499 * period for period in periods), default=math.inf) - cutoff
 
 
 def _around(plate: np.ndarray, reach: float, spacing: float, domain: Domain) -> np.ndarray | None:

@@ -6,6 +6,7 @@ import pytest
 from fluids import column, periodic
 
 import jaxsph as sph
+from jaxsph import surroundings
 from jaxsph.dynamics import prepare
 from jaxsph.files import read_state, read_trajectory
 from jaxsph.plain_run import _start
@@ -140,3 +141,14 @@ def test_small_steps_go_to_what_diffrax_finds_for_shifted_particles():
     for coarse, fine in zip(*errors, strict=True):
         assert 1.7 < coarse / fine < 2.4
     assert errors[1][0] < 1e-3 * 0.1, "a thousandth of the spacing"
+
+
+def test_a_channel_may_be_hardly_longer_than_two_support_radii():
+    """Lists of two sets have a wider skin than those of one where the period leaves room for it."""
+    channel = sph.scenes.poiseuille(10)
+    period = channel.domain.lengths[0]
+    cutoff = 0.5 * period / (1.05 * (1 + surroundings.SKIN))
+    assert cutoff * (1 + surroundings.SKIN_BETWEEN_SETS * surroundings.SKIN) > 0.5 * period
+    wide = replace(channel, smoothing_length=cutoff / channel.kernel.support)
+    found = sph.topologies(wide)
+    assert found["water-water"].skin < found[f"water-{channel.walls[0].name}"].skin < 0.5 * period - cutoff

@@ -72,7 +72,10 @@ def work_precision(
     axes.set_xlabel(LABELS[cost], fontsize=MEDIUM)
     axes.set_ylabel(name.replace("_", " ") if label is None else label, fontsize=MEDIUM)
     axes.set_title(results.title if title is None else title, fontsize=LARGE)
-    axes.tick_params(labelsize=SMALL)
+    axes.tick_params(which="both", labelsize=SMALL)
+    # .1, 10, 20 s rather than powers of ten that run into each other
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.xaxis.set_minor_formatter(matplotlib("ticker").LogFormatter())
     axes.grid(True, which="major", alpha=0.3)
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.2, y=0.12)
