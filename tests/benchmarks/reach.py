@@ -16,22 +16,26 @@ from jaxsph import surroundings
 from jaxsph.dynamics import place_boundaries, positions_of, prepare
 from jaxsph.state import to_columns
 
-STEPS = 256
+STEPS, STEPS_OF_LARGE, LARGE = 256, 64, 50_000
 
 
 def scenes(precision: str, quick: bool) -> dict:
-    """By name the scene and how long it runs before the later measurement [s]."""
+    """By name the scene and how long it runs before the later measurement [s]; 0 for none."""
     particles = 20 if quick else 71
-    return {
+    found = {
         f"dam break, H / dx = {particles}": (jaxsph.scenes.dam_break(particles, dtype=precision), 1.0),
         "dam break on a plate, a / dx = 15": (jaxsph.scenes.dam_break_plate(15, dtype=precision), 0.3),
     }
+    if not quick:
+        large = jaxsph.scenes.dam_break(32, depth=0.6, smoothing=1.3, dtype=precision)
+        found["dam break in 3D, H / dx = 32"] = large, 0.0
+    return found
 
 
 def rows(precision: str, quick: bool) -> Iterator[list[dict]]:
     """Rows of one scene after the other."""
     for name, (scene, later) in scenes(precision, quick).items():
-        for moment in (0.0,) if quick else (0.0, later):
+        for moment in (0.0,) if quick or not later else (0.0, later):
             state = None if moment == 0 else jaxsph.simulate(scene, moment).final
             yield [saving(name, scene, moment, state, precision)]
 
@@ -41,8 +45,9 @@ def saving(name, scene, moment, state, precision) -> dict:
     state = jaxsph.simulate(scene, jaxsph.stable_time_step(scene)).final if state is None else state
     everyone = {**found, **surroundings.allocate(scene, placed(scene, found, state), near_only=False)}
     calls, step = {}, jaxsph.stable_time_step(scene, found)
+    steps = STEPS if scene.fluids[0].n_particles < LARGE else STEPS_OF_LARGE
     for which, lists in (("near", found), ("all", everyone)):
-        calls[which] = steps_of(scene, STEPS, step, state, lists)
+        calls[which] = steps_of(scene, steps, step, state, lists)
     timings = interleaved(calls, 20.0)
     for which, timing in timings.items():
         print(timing.line(f"{name}, t = {moment:g} s, {which}"), flush=True)
