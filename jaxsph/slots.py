@@ -20,7 +20,8 @@ from jaxsph.side_by_side import SideBySide
 
 UNROLL_FROM, UNROLL = 1024, 4
 """From this many particles on loops do 4 slots in a turn: between turns the sums are written and read again. Below, one
-slot a turn is as fast or faster. Measured by `make bench`, turns; the next two by pair_sum."""
+slot a turn is as fast, and compiled sooner. `make bench` measures it from 4,000 particles on, turns; the tiles by
+pair_sum."""
 
 TILE = 32_768
 """At most so many receivers go through the slots together: of more, what one slot gathers has left the cache before the

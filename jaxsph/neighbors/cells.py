@@ -17,9 +17,7 @@ Box = tuple[tuple[float, ...], tuple[float, ...]]
 
 CELLS_AT_MOST = 2**20  # more would cost more to count than they save; 4 MB
 BLOCK = 16  # of a cumulative sum
-MARGIN = (
-    0.01  # of the reach around a box: what is at its upper end would be in the last cell or, by rounding, the first
-)
+MARGIN = 0.01  # of the reach, around a box: its upper end would be in the last cell or, by rounding, in the first
 REPEATED = 16.0  # times the box: so far beyond it the rounding of coordinates in float32 is within the margin of cells
 
 
