@@ -146,6 +146,7 @@ def test_small_steps_go_to_what_diffrax_finds_for_shifted_particles():
 def test_a_channel_may_be_hardly_longer_than_two_support_radii():
     """Lists of two sets have a wider skin than those of one where the period leaves room for it."""
     channel = sph.scenes.poiseuille(10)
+    assert channel.domain is not None
     period = channel.domain.lengths[0]
     cutoff = 0.5 * period / (1.05 * (1 + surroundings.SKIN))
     assert cutoff * (1 + surroundings.SKIN_BETWEEN_SETS * surroundings.SKIN) > 0.5 * period
