@@ -61,7 +61,7 @@ def topologies(scene, state=None, *, skin=None, capacity_multiplier=surroundings
     Args:
         scene: with concrete positions.
         state: whose positions decide the sizes of the lists; None takes those of the start.
-        skin: of the lists within a set [m]; None takes `surroundings.SKIN` support radii. Lists between two sets take
+        skin: of the lists within a set [m]; None takes that of `surroundings.SKIN`. Lists between two sets take
             `surroundings.SKIN_BETWEEN_SETS` times as much.
         capacity_multiplier: room for more neighbors than there are now.
 

@@ -154,6 +154,7 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
     ]
     dtypes = [shape.dtype for shape in shapes for _ in range(math.prod(shape.shape))]
     side_by_side = SideBySide(dtypes, differentiable=derivative)
+    groups = [range(len(dtypes))] if derivative else side_by_side.groups
     of_b = [leaf if read else None for leaf, read in zip(fields_b, read_of_b, strict=True)]
     near_of = partial(_gathered, of_b) if derivative or transposable else _gathered_by_two(of_b)
 
@@ -168,10 +169,15 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
             slot, sums = carry
             totals = side_by_side.apart(sums)
             with jax.enable_x64(is_double):  # as the physics expects
-                for step in range(unroll):
-                    index, of_slot = jax.tree.map(partial(_slot, slot + step), (neighbors.indices, edges))
-                    values = values_of(slot + step, _rows(first, width, index), of_slot, receivers, count)
-                    totals = [total + value for total, value in zip(totals, values, strict=True)]
+                for group in groups:
+                    # Each for itself, or XLA puts what they share into arrays in between.
+                    first_slot = _anew(slot) if len(groups) > 1 else slot
+                    for number in range(unroll):
+                        at = first_slot + number
+                        index, of_slot = jax.tree.map(partial(_slot, at), (neighbors.indices, edges))
+                        values = values_of(at, _rows(first, width, index), of_slot, receivers, count)
+                        for place in group:
+                            totals[place] = totals[place] + values[place]
             return slot + unroll, side_by_side.joined(totals)
 
         used, is_double = jnp.max(count), jax.config.read("jax_enable_x64")
@@ -226,6 +232,11 @@ def _tile_by_tile(of_tile, n, width, dtypes, used=None):
 
     n_tiles = math.ceil(n / width) if used is None else -(-used // width)
     return jax.lax.fori_loop(0, n_tiles, add_tile, [jnp.zeros(n, dtype) for dtype in dtypes])
+
+
+def _anew(slot):
+    """A slot of which XLA doesn't see that it is the same: it calculates again what depends on it."""
+    return jax.lax.optimization_barrier(slot)
 
 
 def _rows(first, width, leaf):

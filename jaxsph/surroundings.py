@@ -19,8 +19,9 @@ from jaxsph.neighbors import Capacity, Domain, NeighborList, closing, far_enough
 from jaxsph.pytree import replace
 from jaxsph.walls import WallSummation
 
-SKIN = 0.15
-"""Of the support radius. A larger one makes builds rarer and every pass over the pairs longer."""
+SKIN = {1: 0.15, 2: 0.15, 3: 0.12}
+"""Of the support radius, by dimension. A larger one makes builds rarer and every pass over the pairs longer,
+and that by more the more dimensions there are."""
 
 SKIN_BETWEEN_SETS = 2.0
 """Times the skin of lists within a set. Water runs along a wall faster than its particles pass each other, and only few
@@ -52,7 +53,7 @@ def allocate(
     Args:
         scene: with fluids, or solids and `Contact`.
         positions: by name.
-        skin: of lists within a set [m]; None takes `SKIN` support radii of the fluids, without fluids half the largest
+        skin: of lists within a set [m]; None takes the `SKIN` of the fluids, without fluids half the largest
             spacing. Lists of two sets take `SKIN_BETWEEN_SETS` times as much.
         capacity_multiplier: arrays are larger by this factor than these positions need.
         near_only: whether particles that are far from all of the other set are left out of the lists of two sets.
@@ -63,7 +64,7 @@ def allocate(
     cutoff, usual = reach, 0.5 * reach
     if scene.fluids:
         cutoff = float(scene.kernel.support_radius(np.asarray(scene.smoothing_length)))
-        usual = SKIN * cutoff
+        usual = SKIN[scene.dimension] * cutoff
     skin = usual if skin is None else skin
     domain = scene.domain
     # Of the start, so that a run that is continued has the same cells, and with them the same order of sums.

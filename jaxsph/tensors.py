@@ -24,6 +24,22 @@ def identity_like(a):
     return jnp.eye(a.shape[0], dtype=a.dtype).reshape(a.shape[:2] + (1,) * (a.ndim - 2))
 
 
+def upper(a):
+    """The numbers (d (d + 1) / 2, ...) of symmetric tensors that are on the diagonal or above, row by row."""
+    d = a.shape[0]
+    return jnp.stack([a[i, j] for i in range(d) for j in range(i, d)])
+
+
+def symmetric(numbers):
+    """The symmetric tensors (d, d, ...) with these numbers from `upper`."""
+    d = {1: 1, 3: 2, 6: 3}[numbers.shape[0]]
+    place = {}
+    for i in range(d):
+        for j in range(i, d):
+            place[i, j] = place[j, i] = len(set(place.values()))
+    return jnp.stack([jnp.stack([numbers[place[i, j]] for j in range(d)]) for i in range(d)])
+
+
 def trace(a):
     """Sum of the diagonal."""
     return sum(a[i, i] for i in range(a.shape[0]))

@@ -148,8 +148,8 @@ def test_a_channel_may_be_hardly_longer_than_two_support_radii():
     channel = sph.scenes.poiseuille(10)
     assert channel.domain is not None
     period = channel.domain.lengths[0]
-    cutoff = 0.5 * period / (1.05 * (1 + surroundings.SKIN))
-    assert cutoff * (1 + surroundings.SKIN_BETWEEN_SETS * surroundings.SKIN) > 0.5 * period
+    cutoff = 0.5 * period / (1.05 * (1 + surroundings.SKIN[2]))
+    assert cutoff * (1 + surroundings.SKIN_BETWEEN_SETS * surroundings.SKIN[2]) > 0.5 * period
     wide = replace(channel, smoothing_length=cutoff / channel.kernel.support)
     found = sph.topologies(wide)
     assert found["water-water"].skin < found[f"water-{channel.walls[0].name}"].skin < 0.5 * period - cutoff

@@ -64,3 +64,14 @@ def test_derivatives_are_jacobis_formula_and_minus_inverse_squared(d):
     change = jax.jvp(jax.jit(tensors.inverse), (a,), (da,))[1]
     expected = -tensors.multiply(inverse, tensors.multiply(da, inverse))
     np.testing.assert_allclose(change, expected, rtol=1e-12, atol=1e-13)  # a few tens of roundings
+
+
+@pytest.mark.parametrize("d", [1, 2, 3])
+def test_symmetric_tensors_are_their_upper_half(d):
+    """Exactly: numbers are only moved."""
+    a, _ = matrices(d, np.float64, (5,))
+    half = tensors.upper(a)
+    assert half.shape == (d * (d + 1) // 2, 5)
+    np.testing.assert_array_equal(
+        tensors.symmetric(half), np.where(np.tri(d, dtype=bool).T[:, :, None], a, a.swapaxes(0, 1))
+    )

@@ -24,7 +24,7 @@ def summary(scene) -> list[str]:
     memory = f"{_bytes(kept)} of state"
     if scene.fluids:
         mean, most = facts.neighbors
-        slots = math.ceil(CAPACITY_MULTIPLIER * neighbors(scene, 1 + SKIN)[1])
+        slots = math.ceil(CAPACITY_MULTIPLIER * neighbors(scene, 1 + SKIN[scene.dimension])[1])
         lists = pairs_of(scene)
         size = {system.name: system.n_particles for system in scene.systems}
         size[TOUCHING] = sum(body.n_particles for body in bodies(scene))

@@ -13,7 +13,7 @@ from jaxsph.flow.pressure import mean_pressures
 from jaxsph.flow.walls import wall_in_forces, wall_states
 from jaxsph.fluid import Fluid
 from jaxsph.pair_sum import dot
-from jaxsph.tensors import inverse
+from jaxsph.tensors import inverse, symmetric, upper
 
 
 def forces(scene, references, columns, placed, lists, time, *, forward_mode=False) -> dict:
@@ -78,7 +78,8 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
                         sums["normal"] = volumes * pair.gradient
                 if delta is not None and same:
                     volumes = a["volume"] * b["volume"]
-                    sums["moment"] = -volumes * pair.gradient[:, None] * pair.offset[None, :]
+                    # symmetric, since the kernel's gradient points along the pair
+                    sums["moment"] = upper(-volumes * pair.gradient[:, None] * pair.offset[None, :])
                     sums["density_gradient"] = volumes * (b["density"] - a["density"]) * pair.gradient
                 return sums
 
@@ -172,7 +173,7 @@ def _finish(scene, fluid, own, totals, outside, shifting, delta, time):
     if scene.effect(TensileControl) is not None:
         done["cover"] = totals["cover"] / volume
     if delta is not None:
-        done["density_gradient"] = corrected(totals["moment"], totals["density_gradient"])
+        done["density_gradient"] = corrected(symmetric(totals["moment"]), totals["density_gradient"])
     return done
 
 

@@ -1,6 +1,7 @@
 """What the loop over pairs does to be fast: steps of a dam break as it is, and without, on lists as they are.
 
-Several slots of a list go through in a turn, and sums are carried side by side in one wide number.
+Several slots of a list go through in a turn, sums are carried side by side in wide numbers, and what belongs to one of
+these is calculated apart from the others.
 """
 
 from __future__ import annotations
@@ -34,18 +35,21 @@ WAYS = {
     "as it is": nullcontext,
     "one slot in a turn": lambda: mock.patch.object(slots, "UNROLL", 1),
     "every sum in an array of its own": lambda: mock.patch.object(slots, "SideBySide", EachAlone),
+    "what several wide numbers share in arrays": lambda: mock.patch.object(slots, "_anew", lambda slot: slot),
 }
 
 
 def rows(precision: str, quick: bool) -> Iterator[list[dict]]:
     """Rows of one size after the other."""
     for particles in (45,) if quick else (45, 71, 158):
-        yield savings(particles, precision)
+        yield savings(jaxsph.scenes.dam_break(particles, dtype=precision), f"{particles}", precision)
+    if not quick:
+        scene = jaxsph.scenes.dam_break(32, depth=0.6, smoothing=1.3, dtype=precision)
+        yield savings(scene, "32.3d", precision)
 
 
-def savings(particles: int, precision: str) -> list[dict]:
+def savings(scene, size: str, precision: str) -> list[dict]:
     """Time of a step in each other way over that of one as it is."""
-    scene = jaxsph.scenes.dam_break(particles, dtype=precision)
     state = jaxsph.simulate(scene, FALLEN).final
     found = jaxsph.topologies(scene, state)
     references, columns, _ = begin_compiled(scene, found, state)
@@ -64,13 +68,13 @@ def savings(particles: int, precision: str) -> list[dict]:
 
     timings = interleaved({name: steps_in(way) for name, way in WAYS.items()}, 10.0)
     for name, timing in timings.items():
-        print(timing.line(f"H / dx = {particles}, {name}"), flush=True)
+        print(timing.line(f"H / dx = {size}, {name}"), flush=True)
     counts = ", ".join(f"{s.n_particles:,} {s.name}" for s in scene.systems)
     usual, *others = timings
     return [
         row(
-            f"turns.{number}.{particles}.{precision}",
-            "dam break",
+            f"turns.{number}.{size}.{precision}",
+            "dam break" if scene.dimension == 2 else "dam break, 3D",
             f"a step with {name} / as it is",
             timings[name].over(timings[usual]),
             "times",
