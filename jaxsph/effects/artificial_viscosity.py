@@ -39,9 +39,9 @@ class ArtificialViscosity(FlowEffect):
     def force(self, a, b, pair):
         """[N]."""
         approach = dot(a["velocity"] - b["velocity"], pair.offset)
-        h = pair.smoothing_length
-        closing = jnp.where(approach < 0, approach, 0.0) / h
-        distance = pair.squared / h**2 + 0.01
+        per_h = 1 / pair.smoothing_length  # one division for all pairs
+        closing = jnp.where(approach < 0, approach, 0.0) * per_h
+        distance = pair.squared * per_h**2 + 0.01
         density = 0.5 * (a["density"] + b["density"])
         viscosity = (self.beta * closing - self.alpha * pair.sound_speed * distance) * closing / (distance**2 * density)
         return -a["mass"] * b["mass"] * viscosity * pair.gradient
