@@ -54,7 +54,8 @@ CALLED_FOR = {
     "acoustic damper": (lambda: bare(sph.AcousticDamper()), [], {"density_rate": (N,)}),
     "artificial viscosity": (lambda: bare(sph.ArtificialViscosity()), [OF_FLUID], {}),
     "density diffusion": (lambda: bare(sph.DensityDiffusion()), [], {}),
-    "delta diffusion": (lambda: bare(sph.DeltaDiffusion()), [OF_FLUID], {"density_gradient": (2, N)}),
+    # the gradient for the rate, and with the forces the volume
+    "delta diffusion": (lambda: bare(sph.DeltaDiffusion()), [OF_FLUID, (N,)], {"density_gradient": (2, N)}),
     "shifting at a surface": (lambda: bare(sph.ParticleShifting(free_surface=True)), [], {"shift": (2, N)}),
     # the shift in both passes, and the velocity that it carries
     "shifting": (lambda: bare(sph.ParticleShifting()), [OF_FLUID] * 3, {"shift": (2, N)}),
@@ -137,7 +138,7 @@ def test_what_is_absent_is_never_asked(monkeypatch):
     [
         (sph.ArtificialViscosity(), False, True),
         (sph.DensityDiffusion(), True, False),
-        (sph.DeltaDiffusion(), True, False),
+        (sph.DeltaDiffusion(), True, True),  # forces read the volume instead of dividing by the density
         (sph.TensileControl(), False, True),
         (sph.BodyForce(swaying), False, True),
         (sph.ParticleShifting(free_surface=True), False, False),
@@ -171,7 +172,7 @@ def test_all_effects_share_the_passes():
     program = programs.step(bare(*listed, viscosity=1.0, motion=pushed))
     assert program.passes == of_bare().passes
     # Each field once in a pass, however many effects read it: the velocity is read by both viscosities.
-    of_both = [OF_FLUID, OF_FLUID, OF_FLUID, OF_FLUID, OF_FLUID_AT_WALL]
+    of_both = [OF_FLUID, OF_FLUID, OF_FLUID, OF_FLUID, OF_FLUID_AT_WALL, (N,)]
     assert program.gathered == numbers(BARE + of_both)
 
 
