@@ -24,6 +24,9 @@ class SideBySide:
 
     differentiable: whether derivatives pass through. Then only two numbers go into one: of four the bits are moved
         about, which has no derivative.
+
+    `passes` are the numbers to be calculated together, and apart from others: those in one wide number, since what
+    several share would be put into arrays in between. Derivatives share so much that it is better put there.
     """
 
     def __init__(self, dtypes: Sequence[Any], *, differentiable: bool):
@@ -37,6 +40,8 @@ class SideBySide:
         for dtype, places in alike.items():
             size = at_once.get(dtype, 1)
             self.groups += [places[first : first + size] for first in range(0, len(places), size)]
+        apart = bool(at_once) and not differentiable
+        self.passes = self.groups if apart else [range(len(dtypes))]
 
     def types_allowed(self):
         """The context in which this can be done also where types of 64 bits are switched off."""

@@ -154,7 +154,6 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
     ]
     dtypes = [shape.dtype for shape in shapes for _ in range(math.prod(shape.shape))]
     side_by_side = SideBySide(dtypes, differentiable=derivative)
-    groups = [range(len(dtypes))] if derivative else side_by_side.groups
     of_b = [leaf if read else None for leaf, read in zip(fields_b, read_of_b, strict=True)]
     near_of = partial(_gathered, of_b) if derivative or transposable else _gathered_by_two(of_b)
 
@@ -169,14 +168,13 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
             slot, sums = carry
             totals = side_by_side.apart(sums)
             with jax.enable_x64(is_double):  # as the physics expects
-                for group in groups:
-                    # Each for itself, or XLA puts what they share into arrays in between.
-                    first_slot = _anew(slot) if len(groups) > 1 else slot
+                for places in side_by_side.passes:
+                    first_slot = _anew(slot) if len(side_by_side.passes) > 1 else slot
                     for number in range(unroll):
                         at = first_slot + number
                         index, of_slot = jax.tree.map(partial(_slot, at), (neighbors.indices, edges))
                         values = values_of(at, _rows(first, width, index), of_slot, receivers, count)
-                        for place in group:
+                        for place in places:
                             totals[place] = totals[place] + values[place]
             return slot + unroll, side_by_side.joined(totals)
 

@@ -33,11 +33,9 @@ def upper(a):
 def symmetric(numbers):
     """The symmetric tensors (d, d, ...) with these numbers from `upper`."""
     d = {1: 1, 3: 2, 6: 3}[numbers.shape[0]]
-    place = {}
-    for i in range(d):
-        for j in range(i, d):
-            place[i, j] = place[j, i] = len(set(place.values()))
-    return jnp.stack([jnp.stack([numbers[place[i, j]] for j in range(d)]) for i in range(d)])
+    places = [(i, j) for i in range(d) for j in range(i, d)]
+    number_at = lambda i, j: numbers[places.index((min(i, j), max(i, j)))]  # noqa: E731
+    return jnp.stack([jnp.stack([number_at(i, j) for j in range(d)]) for i in range(d)])
 
 
 def trace(a):

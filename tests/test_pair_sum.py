@@ -260,8 +260,13 @@ def test_only_for_cpus_are_numbers_put_side_by_side(monkeypatch):
     both = SideBySide([np.float32] * 5, differentiable=False)
     assert both.groups == [[0], [1], [2], [3], [4]]
     a, _, neighbors = problem("one", 2, np.float32)
-    text = jax.jit(lambda a: pair_sum(lambda a, b: [b["m"]] * 5, a, a, neighbors)).lower(a).as_text()
-    assert "f64" not in text
+
+    def program(n_sums):
+        of_pair = lambda a, b: [(k + 1) * b["m"] for k in range(n_sums)]  # noqa: E731
+        return jax.jit(lambda a: pair_sum(of_pair, a, a, neighbors)).lower(a).as_text()
+
+    assert "f64" not in program(5)
+    assert program(5).count("stablehlo.gather") == program(1).count("stablehlo.gather") > 0, "nothing twice"
 
 
 def test_any_number_of_fields():

@@ -28,7 +28,7 @@ class EachAlone(SideBySide):
 
     def __init__(self, dtypes, *, differentiable: bool):
         super().__init__(dtypes, differentiable=differentiable)
-        self.groups = [[place] for place in range(len(dtypes))]
+        self.groups, self.passes = [[place] for place in range(len(dtypes))], [range(len(dtypes))]
 
 
 WAYS = {
