@@ -132,6 +132,25 @@ def test_delta_diffusion_leaves_a_linear_profile_alone():
     assert np.abs(rate).max() < 1e-12 * np.abs(uncorrected).max()
 
 
+@pytest.mark.parametrize("two", [False, True])
+@pytest.mark.parametrize("form", ["volume", "mass"])
+def test_delta_diffusion_leaves_the_forces_alone(form, two):
+    """It acts on the density only, though forces read the volumes that it gathers."""
+    density = sph.ContinuityDensity(form)
+    effects: list = [sph.ArtificialViscosity(0.3)]
+    without, listed = (
+        periodic(effects=effects + more, density=density, two=two) for more in ([], [sph.DeltaDiffusion()])
+    )
+    systems = stirred(listed).systems
+    bare = {name: {k: v for k, v in fields.items() if k != "density_gradient"} for name, fields in systems.items()}
+    found, expected = (sums(scene, sph.topologies(scene), of) for scene, of in ((listed, systems), (without, bare)))
+    for name in systems:
+        acceleration = found[name]["acceleration"]
+        # some tens of terms, each with a few roundings of 1e-16
+        limit = 1e-14 * np.abs(acceleration).max()
+        np.testing.assert_allclose(acceleration, expected[name]["acceleration"], rtol=0, atol=limit)
+
+
 def test_shifting():
     """The shift from the crowding and its limit; density and momentum carried with the shift of the step before."""
     h, speed = SMOOTHING[2], 2.0

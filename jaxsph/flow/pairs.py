@@ -106,7 +106,7 @@ def over_pairs(
 
 
 def _split(fields):
-    if jnp.ndim(fields.get("density", 0.0)) and jnp.ndim(fields.get("mass", 0.0)):
+    if "volume" not in fields and jnp.ndim(fields.get("density", 0.0)) and jnp.ndim(fields.get("mass", 0.0)):
         # gathered from each neighbor instead of mass and density, where only their quotient is asked for
         fields = {**fields, "volume": fields["mass"] / fields["density"]}
     several = fields["position"].shape[-1] > 1
