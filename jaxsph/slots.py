@@ -169,9 +169,8 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
             totals = side_by_side.apart(sums)
             with jax.enable_x64(is_double):  # as the physics expects
                 for places in side_by_side.passes:
-                    first_slot = _anew(slot) if len(side_by_side.passes) > 1 else slot
                     for number in range(unroll):
-                        at = first_slot + number
+                        at = slot + number
                         index, of_slot = jax.tree.map(partial(_slot, at), (neighbors.indices, edges))
                         values = values_of(at, _rows(first, width, index), of_slot, receivers, count)
                         for place in places:
@@ -230,11 +229,6 @@ def _tile_by_tile(of_tile, n, width, dtypes, used=None):
 
     n_tiles = math.ceil(n / width) if used is None else -(-used // width)
     return jax.lax.fori_loop(0, n_tiles, add_tile, [jnp.zeros(n, dtype) for dtype in dtypes])
-
-
-def _anew(slot):
-    """A slot of which XLA doesn't see that it is the same: it calculates again what depends on it."""
-    return jax.lax.optimization_barrier(slot)
 
 
 def _rows(first, width, leaf):

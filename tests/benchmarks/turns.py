@@ -31,11 +31,19 @@ class EachAlone(SideBySide):
         self.groups, self.passes = [[place] for place in range(len(dtypes))], [range(len(dtypes))]
 
 
+class Sharing(SideBySide):
+    """Wide numbers that are calculated together."""
+
+    def __init__(self, dtypes, *, differentiable: bool):
+        super().__init__(dtypes, differentiable=differentiable)
+        self.passes = [range(len(dtypes))]
+
+
 WAYS = {
     "as it is": nullcontext,
     "one slot in a turn": lambda: mock.patch.object(slots, "UNROLL", 1),
     "every sum in an array of its own": lambda: mock.patch.object(slots, "SideBySide", EachAlone),
-    "what several wide numbers share in arrays": lambda: mock.patch.object(slots, "_anew", lambda slot: slot),
+    "wide numbers calculated together": lambda: mock.patch.object(slots, "SideBySide", Sharing),
 }
 
 
