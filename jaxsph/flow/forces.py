@@ -43,7 +43,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
         own = fluid_fields(fluid, references[fluid.name], columns[fluid.name])
         own["pressure"] = pressures[fluid.name]
         own.pop("density_gradient", None)  # that of the step before
-        if delta is not None:  # more sums than one wide number holds, and each would divide anew
+        if delta is not None:  # with so many sums gathering it is faster than dividing: a fifth of a step in 2D
             own["volume"] = own["mass"] / own["density"]
         fields[fluid.name] = own
     out = {}
