@@ -23,6 +23,10 @@ UNROLL_FROM, UNROLL = 1024, 4
 slot a turn is as fast, and compiled sooner. `make bench` measures it from 4,000 particles on, turns; the tiles by
 pair_sum."""
 
+UNROLL_NARROW, NARROW = 8, 64
+"""In lists of at most 64 slots, as with few neighbors in 2D, it is 8 of them, but not in derivatives, which take long to
+compile. Between turns cores wait for each other."""
+
 TILE = 32_768
 """At most so many receivers go through the slots together: of more, what one slot gathers has left the cache before the
 next asks for it again. Tiles of this size are twice as fast in 3D from 50,000 particles on and in 2D at half a million,
@@ -145,7 +149,7 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
     batched = jax.vmap(of_components)
     n_slots, n = neighbors.indices.shape
     width = n if transposable or edges else _width_of_tiles(n, neighbors.used is not None)
-    unroll = min(UNROLL if width >= UNROLL_FROM else 1, n_slots)
+    unroll = _slots_in_a_turn(width, n_slots, derivative or transposable)
     whole = n_slots % unroll == 0 or transposable
     masked = [
         signs is None or signs[leaf] != -1 or not whole
@@ -196,6 +200,12 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
         totals = _tile_by_tile(of_tile, n, width, dtypes, neighbors.used)
     totals = iter(totals)
     return jax.tree.unflatten(structure, [joined(totals, shape.shape) for shape in shapes])
+
+
+def _slots_in_a_turn(width, n_slots, derivative):
+    if width < UNROLL_FROM:
+        return 1
+    return min(n_slots, UNROLL_NARROW if n_slots <= NARROW and not derivative else UNROLL)
 
 
 def in_tiles(neighbors, edge) -> bool:

@@ -199,6 +199,7 @@ def test_several_slots_in_a_turn_change_nothing(sets, sign, several, monkeypatch
     one = jax.jit(everything)(x, y)
     monkeypatch.setattr(slots, "UNROLL_FROM", 1)
     monkeypatch.setattr(slots, "UNROLL", several)
+    monkeypatch.setattr(slots, "UNROLL_NARROW", several)
     for got, expected in zip(
         jax.tree.leaves(jax.jit(lambda *both: everything(*both))(x, y)), jax.tree.leaves(one), strict=True
     ):

@@ -41,9 +41,10 @@ class Sharing(SideBySide):
 
 WAYS = {
     "as it is": nullcontext,
-    "one slot in a turn": lambda: mock.patch.object(slots, "UNROLL", 1),
+    "one slot in a turn": lambda: mock.patch.multiple(slots, UNROLL=1, UNROLL_NARROW=1),
     "every sum in an array of its own": lambda: mock.patch.object(slots, "SideBySide", EachAlone),
     "wide numbers calculated together": lambda: mock.patch.object(slots, "SideBySide", Sharing),
+    "four slots in a turn": lambda: mock.patch.object(slots, "UNROLL_NARROW", 4),
 }
 
 
