@@ -105,6 +105,11 @@ def center_lines():
     return np.concatenate([np.stack([half, place], 1), np.stack([place, half], 1)]), np.concatenate([u, v])
 
 
+LAST = 20
+"""States of a cavity that are averaged, .25 apart. In the mean of four the disorder of the particles shows: runs whose
+Reynolds numbers differ by 1e-5 then have errors of .005 to .014 at 25 x 25, with these .005 to .006."""
+
+
 def cavity(quick: bool) -> Results:
     points, expected = center_lines()
     n = len(points) // 2
@@ -112,7 +117,7 @@ def cavity(quick: bool) -> Results:
     seen = jax.jit(jax.vmap(look, (None, 0)))
 
     def error_of(run):
-        last = jax.tree.map(lambda leaf: leaf[-4:], run.states)
+        last = jax.tree.map(lambda leaf: leaf[-LAST:], run.states)
         mean = np.mean(np.asarray(seen(run.scene, last), float), axis=0)
         found = np.concatenate([mean[:n, 0], mean[n:, 1]])
         return {"velocity": float(np.sqrt(np.mean((found - expected) ** 2)))}
@@ -120,7 +125,7 @@ def cavity(quick: bool) -> Results:
     def scene_of(particles=25):
         return jaxsph.scenes.lid_driven_cavity(particles, reynolds=REYNOLDS)
 
-    title = "Lid-driven cavity, Re 100, mean over t = 14.25 to 15"
+    title = "Lid-driven cavity, Re 100, mean over t = 10.25 to 15"
     study = Study(scene_of, 15.0, 0.25, error_of=error_of, title=title)
     settings = [
         *grid(precision=["float32"], particles=(16, 25, 35, 50)),
@@ -134,7 +139,7 @@ def cavity_of_peer(arrays) -> dict[str, float]:
     """Velocities by Shepard's sum with the kernel of the run (quintic spline, h = dx), the mean over the last saves."""
     points, expected = center_lines()
     h, kernel, sums = float(arrays["h"]), jaxsph.QuinticSpline(), []
-    for x, y, u, v in zip(*(arrays[name][-4:] for name in "xyuv"), strict=True):
+    for x, y, u, v in zip(*(arrays[name][-LAST:] for name in "xyuv"), strict=True):
         offset = np.stack([points[:, :1] - x, points[:, 1:] - y])
         weight = np.asarray(kernel.w(offset, h))
         sums.append(np.stack([weight @ u, weight @ v], 1) / weight.sum(axis=1, keepdims=True))
