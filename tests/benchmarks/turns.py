@@ -44,20 +44,27 @@ WAYS = {
     "one slot in a turn": lambda: mock.patch.multiple(slots, UNROLL=1, UNROLL_NARROW=1),
     "every sum in an array of its own": lambda: mock.patch.object(slots, "SideBySide", EachAlone),
     "wide numbers calculated together": lambda: mock.patch.object(slots, "SideBySide", Sharing),
-    "four slots in a turn": lambda: mock.patch.object(slots, "UNROLL_NARROW", 4),
 }
+NARROW = {
+    "as it is": nullcontext,
+    "four slots in a turn": lambda: mock.patch.object(slots, "UNROLL_NARROW", slots.UNROLL),
+}
+"""Of lists of few neighbors, which do eight slots in a turn."""
 
 
 def rows(precision: str, quick: bool) -> Iterator[list[dict]]:
     """Rows of one size after the other."""
     for particles in (45,) if quick else (45, 71, 158):
         yield savings(jaxsph.scenes.dam_break(particles, dtype=precision), f"{particles}", precision)
+    plain = [jaxsph.ArtificialViscosity(0.1)]
+    scene = jaxsph.scenes.dam_break(45 if quick else 71, effects=plain, smoothing=1.3, dtype=precision)
+    yield savings(scene, "narrow", precision, "dam break, few neighbors, no diffusion", NARROW)
     if not quick:
         scene = jaxsph.scenes.dam_break(32, depth=0.6, smoothing=1.3, dtype=precision)
-        yield savings(scene, "32.3d", precision)
+        yield savings(scene, "32.3d", precision, "dam break, 3D")
 
 
-def savings(scene, size: str, precision: str) -> list[dict]:
+def savings(scene, size: str, precision: str, case="dam break", ways=WAYS) -> list[dict]:
     """Time of a step in each other way over that of one as it is."""
     state = jaxsph.simulate(scene, FALLEN).final
     found = jaxsph.topologies(scene, state)
@@ -75,7 +82,7 @@ def savings(scene, size: str, precision: str) -> list[dict]:
 
         return compiled(steps, columns, lists)
 
-    timings = interleaved({name: steps_in(way) for name, way in WAYS.items()}, 10.0)
+    timings = interleaved({name: steps_in(way) for name, way in ways.items()}, 10.0)
     for name, timing in timings.items():
         print(timing.line(f"H / dx = {size}, {name}"), flush=True)
     counts = ", ".join(f"{s.n_particles:,} {s.name}" for s in scene.systems)
@@ -83,7 +90,7 @@ def savings(scene, size: str, precision: str) -> list[dict]:
     return [
         row(
             f"turns.{number}.{size}.{precision}",
-            "dam break" if scene.dimension == 2 else "dam break, 3D",
+            case,
             f"a step with {name} / as it is",
             timings[name].over(timings[usual]),
             "times",
