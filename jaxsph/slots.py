@@ -19,13 +19,13 @@ from jaxsph.pytree import pytree_dataclass, replace
 from jaxsph.side_by_side import SideBySide
 
 UNROLL_FROM, UNROLL = 1024, 4
-"""From this many particles on loops do 4 slots in a turn: between turns the sums are written and read again. Below, a step
-with one slot a turn takes up to a fifth longer, but the program is compiled two seconds sooner, which is thousands of
-steps. `make bench` measures it from 4,000 particles on, turns; the tiles by pair_sum."""
+"""From this many particles on loops do 4 slots in a turn: between turns the sums are written and read again. Below, a
+step with one slot a turn takes up to a fifth longer, but the program is compiled two seconds sooner, which is thousands
+of steps. `make bench` measures it from 4,000 particles on, turns; the tiles by pair_sum."""
 
 UNROLL_NARROW, NARROW = 8, 64
-"""In lists of at most 64 slots, as with few neighbors in 2D, it is 8 of them, but not in derivatives, which take long to
-compile. Between turns cores wait for each other."""
+"""In lists of at most 64 slots, as with few neighbors in 2D, it is 8 of them, but not in derivatives, which take long
+to compile. Between turns cores wait for each other."""
 
 TILE = 32_768
 """At most so many receivers go through the slots together: of more, what one slot gathers has left the cache before the
