@@ -66,7 +66,7 @@ def taylor_green_of(n: int):
 
 
 def cavity_of(n: int):
-    moments = np.arange(41, 61) / 4
+    moments = np.arange(41, 61) / 4  # 10.25 to 15: those of `fluid_cases.LAST`
     return timed(cavity.LidDrivenCavity, moments, "xyuv"), ["--nx", str(n), "--tf", "15.05"], {"h": 1.0 / n}
 
 

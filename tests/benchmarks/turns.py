@@ -45,7 +45,7 @@ WAYS = {
     "every sum in an array of its own": lambda: mock.patch.object(slots, "SideBySide", EachAlone),
     "wide numbers calculated together": lambda: mock.patch.object(slots, "SideBySide", Sharing),
 }
-NARROW = {
+NARROW_WAYS = {
     "as it is": nullcontext,
     "four slots in a turn": lambda: mock.patch.object(slots, "UNROLL_NARROW", slots.UNROLL),
 }
@@ -58,7 +58,7 @@ def rows(precision: str, quick: bool) -> Iterator[list[dict]]:
         yield savings(jaxsph.scenes.dam_break(particles, dtype=precision), f"{particles}", precision)
     plain = [jaxsph.ArtificialViscosity(0.1)]
     scene = jaxsph.scenes.dam_break(45 if quick else 71, effects=plain, smoothing=1.3, dtype=precision)
-    yield savings(scene, "narrow", precision, "dam break, few neighbors, no diffusion", NARROW)
+    yield savings(scene, "narrow", precision, "dam break, few neighbors, no diffusion", NARROW_WAYS)
     if not quick:
         scene = jaxsph.scenes.dam_break(32, depth=0.6, smoothing=1.3, dtype=precision)
         yield savings(scene, "32.3d", precision, "dam break, 3D")
