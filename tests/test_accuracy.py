@@ -138,6 +138,15 @@ def test_picture_has_a_line_for_each_family_and_the_front(tmp_path):
     assert [text.get_text() for text in axes.texts] == [f"particles {row.settings['particles']}" for row in front]
 
 
+def test_picture_shows_a_front_of_one_run():
+    """Also then there is a mark, which a line through one point would not be, and the run's resolution."""
+    rows = [row for row in two_families() if row.settings["kernel"] == "b"][-1:]
+    (axes,) = Results(tuple(rows)).plot().axes
+    (front,) = [line for line in axes.get_lines() if line.get_label() == "Pareto front"]
+    assert np.shape(front.get_xdata()) == (1,) and front.get_marker() == "o"
+    assert [text.get_text() for text in axes.texts] == ["particles 32"]
+
+
 def study(**options: Any):
     about: dict[str, Any] = {"error_of": lambda run: 0.0} if "observe" not in options else {}
     return KnownStudy(lambda **settings: None, 2.0, 0.1, **(about | options))

@@ -67,7 +67,9 @@ def work_precision(
         )
     front = results.pareto(name, cost)
     x, y = np.array(front[cost], float), front[name]
-    axes.plot(x, y, color=GRAY, linewidth=5, alpha=0.25, solid_capstyle="round", zorder=0, label="Pareto front")
+    # with disks, since a front may be one run
+    wide = {"linewidth": 5, "marker": "o", "markersize": 11, "markeredgewidth": 0}
+    axes.plot(x, y, color=GRAY, alpha=0.25, solid_capstyle="round", zorder=0, label="Pareto front", **wide)
     _write_labels(axes, front, x, y)
     axes.set_xlabel(LABELS[cost], fontsize=MEDIUM)
     axes.set_ylabel(name.replace("_", " ") if label is None else label, fontsize=MEDIUM)
@@ -88,9 +90,11 @@ def work_precision(
 
 def _write_labels(axes, front: Results, x, y) -> None:
     """The resolution of each run on the front, and what else varies along the front, below its point."""
-    names = [name for name in front.varied if name == front.resolution] or front.varied[:1]
+    names, resolution = front.varied[:1], front.resolution
+    if resolution is not None and (resolution in front.varied or not names):
+        names = [resolution]
     for row, place in zip(front, zip(x, y, strict=True), strict=True):
-        text = front.label(row, names) if names else ""
+        text = front.label(row, names)
         axes.annotate(
             text, place, xytext=(-4, -5), textcoords="offset points", ha="right", va="top", fontsize=7, color=GRAY
         )
