@@ -20,8 +20,15 @@ from jaxsph.side_by_side import SideBySide
 
 UNROLL_FROM, UNROLL = 1024, 4
 """From this many particles on loops do 4 slots in a turn: between turns the sums are written and read again. Below, a
-step with one slot a turn takes up to a fifth longer, but the program is compiled two seconds sooner, which is thousands
-of steps. `make bench` measures it from 4,000 particles on, turns; the tiles by pair_sum."""
+step with one turn for each takes up to a fifth longer, but the program is compiled two seconds sooner, which is
+thousands of steps. `make bench` measures it from 4,000 particles on, turns; the tiles by pair_sum."""
+
+ABREAST = {jnp.dtype(jnp.float32): 2048, jnp.dtype(jnp.float64): 0}
+"""Fewer receivers than this do several slots of theirs at once, as one array of at most so many pairs: every turn of a
+loop takes some time however short its arrays are. Steps of a few hundred particles take three fifths of what they take
+with one slot in a turn. Of arrays twice as long XLA makes parts for both cores, which wait for each other. In float64,
+where calculating takes longer than turning, it gains nothing; pairs with edges, which are read and not calculated, lose
+by it. `make bench` measures it, turns."""
 
 UNROLL_NARROW, NARROW = 8, 64
 """In lists of at most 64 slots, as with few neighbors in 2D, it is 8 of them, but not in derivatives, which take long
@@ -146,11 +153,13 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
     single = (of_one(particles[0], 1), of_one(particles[-1], 1), of_one(edge, 2))
     of_components, structure, shapes, read_of_b = in_components(f, single, constants, keep_rules=transposable)
     fields_a, fields_b, edges = components(particles[0]), components(particles[-1]), components(edge, 2)
-    batched = jax.vmap(of_components)
     n_slots, n = neighbors.indices.shape
     width = n if transposable or edges else _width_of_tiles(n, neighbors.used is not None)
     unroll = _slots_in_a_turn(width, n_slots, derivative or transposable)
-    whole = n_slots % unroll == 0 or transposable
+    abreast = 1 if transposable or edges else _slots_abreast(width, n_slots, [shape.dtype for shape in shapes])
+    batched = jax.vmap(of_components)
+    batched = batched if abreast == 1 else jax.vmap(batched, in_axes=(None, 0, 0), axis_size=abreast)
+    whole = n_slots % (abreast * unroll) == 0 or transposable
     masked = [
         signs is None or signs[leaf] != -1 or not whole
         for leaf, shape in enumerate(shapes)
@@ -161,8 +170,8 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
     of_b = [leaf if read else None for leaf, read in zip(fields_b, read_of_b, strict=True)]
     near_of = partial(_gathered, of_b) if derivative or transposable else _gathered_by_two(of_b)
 
-    def values_of(slot, index, edges_of_slot, receivers, count):
-        return _masked(batched(receivers, near_of(index), edges_of_slot), masked, slot < count)
+    def values_of(receivers, index, edges_of_slots, filled):
+        return _masked(batched(receivers, near_of(index), edges_of_slots), masked, filled)
 
     def of_tile(first):
         """The sums of the receivers from the first on, up to the last slot that one of them has in use."""
@@ -174,24 +183,26 @@ def over_slots(f, particles, edge, neighbors, constants, signs=None, *, derivati
             with jax.enable_x64(is_double):  # as the physics expects
                 for places in side_by_side.passes:
                     for number in range(unroll):
-                        at = slot + number
-                        index, of_slot = jax.tree.map(partial(_slot, at), (neighbors.indices, edges))
-                        values = values_of(at, _rows(first, width, index), of_slot, receivers, count)
+                        at = slot + number * abreast
+                        (index, of_slots), filled = _slots(at, abreast, (neighbors.indices, edges), count)
+                        values = values_of(receivers, _rows(first, width, index), of_slots, filled)
                         for place in places:
                             totals[place] = totals[place] + values[place]
-            return slot + unroll, side_by_side.joined(totals)
+            return slot + unroll * abreast, side_by_side.joined(totals)
 
         used, is_double = jnp.max(count), jax.config.read("jax_enable_x64")
         with side_by_side.types_allowed():
-            nothing = side_by_side.joined([jnp.zeros(width, dtype) for dtype in dtypes])
+            shape = (width,) if abreast == 1 else (abreast, width)
+            nothing = side_by_side.joined([jnp.zeros(shape, dtype) for dtype in dtypes])
             sums = jax.lax.while_loop(lambda carry: carry[0] < used, turn, (jnp.zeros_like(used), nothing))[1]
-            return side_by_side.apart(sums)
+            totals = side_by_side.apart(sums)
+            return totals if abreast == 1 else [jnp.sum(total, axis=0) for total in totals]
 
     if transposable:
 
         def add_slot(totals, slot):
             number, index, edges_of_slot = slot
-            values = values_of(number, index, edges_of_slot, fields_a, neighbors.count)
+            values = values_of(fields_a, index, edges_of_slot, number < neighbors.count)
             return [total + value for total, value in zip(totals, values, strict=True)], None
 
         slots = (jnp.arange(n_slots, dtype=neighbors.count.dtype), neighbors.indices, edges)
@@ -206,6 +217,12 @@ def _slots_in_a_turn(width, n_slots, derivative):
     if width < UNROLL_FROM:
         return 1
     return min(n_slots, UNROLL_NARROW if n_slots <= NARROW and not derivative else UNROLL)
+
+
+def _slots_abreast(width, n_slots, dtypes):
+    """How many slots are in one array."""
+    pairs = max((ABREAST.get(dtype, 0) for dtype in dtypes if jnp.issubdtype(dtype, jnp.floating)), default=0)
+    return max(1, min(n_slots, pairs // max(width, 1)))
 
 
 def in_tiles(neighbors, edge) -> bool:
@@ -246,9 +263,14 @@ def _rows(first, width, leaf):
     return leaf if leaf.shape[-1] == width else jax.lax.dynamic_slice_in_dim(leaf, first, width, axis=-1)
 
 
-def _slot(number, leaf):
-    """One slot of values (K, N)."""
-    return jax.lax.dynamic_index_in_dim(leaf, number, keepdims=False)
+def _slots(at, abreast, leaves, count):
+    """The slots from one on of values (K, N), and which of them are filled. The last ones begin before, to fit in."""
+    if abreast == 1:
+        return jax.tree.map(lambda leaf: jax.lax.dynamic_index_in_dim(leaf, at, keepdims=False), leaves), at < count
+    first = jnp.minimum(at, leaves[0].shape[0] - abreast)
+    numbers = first + jnp.arange(abreast, dtype=first.dtype)[:, None]
+    slots = jax.tree.map(lambda leaf: jax.lax.dynamic_slice_in_dim(leaf, first, abreast), leaves)
+    return slots, (numbers >= at) & (numbers < count)
 
 
 def _masked(values, masked, filled):

@@ -172,10 +172,13 @@ def test_rows_that_are_not_in_use_change_nothing(monkeypatch):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-15 * np.abs(other).max() * 20 * (1 if one.ndim else 100))
 
 
-@pytest.mark.parametrize("several", [2, 100])
+@pytest.mark.parametrize(("several", "abreast"), [(2, 1), (100, 1), (1, 2), (1, 100), (3, 2)])
 @pytest.mark.parametrize(("sets", "sign"), [("one", None), ("one", 1), ("one", -1), ("two", None)])
-def test_several_slots_in_a_turn_change_nothing(sets, sign, several, monkeypatch):
-    """Values, tangents and adjoints; two by two, which leaves one of the slots over, and all of them in one turn."""
+def test_several_slots_in_a_turn_change_nothing(sets, sign, several, abreast, monkeypatch):
+    """Values, tangents and adjoints; two by two, which leaves one of the slots over, and all of them in one turn.
+
+    One after the other, and abreast in one array.
+    """
     draw = np.random.default_rng(3)
     x, y = (jnp.asarray(draw.uniform(0, 2, (2, n))) for n in (75, 50))
     neighbors = list_of(np.asarray(x)) if sets == "one" else list_of(np.asarray(x), np.asarray(y))
@@ -200,10 +203,11 @@ def test_several_slots_in_a_turn_change_nothing(sets, sign, several, monkeypatch
     monkeypatch.setattr(slots, "UNROLL_FROM", 1)
     monkeypatch.setattr(slots, "UNROLL", several)
     monkeypatch.setattr(slots, "UNROLL_NARROW", several)
+    monkeypatch.setattr(slots, "ABREAST", {np.dtype(np.float64): abreast * 75})
     for got, expected in zip(
         jax.tree.leaves(jax.jit(lambda *both: everything(*both))(x, y)), jax.tree.leaves(one), strict=True
     ):
-        # the same terms in the same order; XLA may contract products and sums in another way
+        # the same terms, abreast in another order; XLA may contract products and sums in another way
         np.testing.assert_allclose(got, expected, rtol=0, atol=1e-14 * np.abs(expected).max() * 75)
 
 

@@ -51,6 +51,12 @@ NARROW_WAYS = {
 }
 """Of lists of few neighbors, which do eight slots in a turn."""
 
+FEW_WAYS = {
+    "as it is": nullcontext,
+    "no slots abreast": lambda: mock.patch.object(slots, "ABREAST", {}),
+}
+"""Of few particles in float32."""
+
 
 def rows(precision: str, quick: bool) -> Iterator[list[dict]]:
     """Rows of one size after the other."""
@@ -59,6 +65,10 @@ def rows(precision: str, quick: bool) -> Iterator[list[dict]]:
     plain = [jaxsph.ArtificialViscosity(0.1)]
     scene = jaxsph.scenes.dam_break(45 if quick else 71, effects=plain, smoothing=1.3, dtype=precision)
     yield savings(scene, "narrow", precision, "dam break, few neighbors, no diffusion", NARROW_WAYS)
+    if precision == "float32":
+        for particles in (16, 25):
+            cavity = jaxsph.scenes.lid_driven_cavity(particles, dtype=precision)
+            yield savings(cavity, f"cavity{particles}", precision, "cavity", FEW_WAYS)
     if not quick:
         scene = jaxsph.scenes.dam_break(32, depth=0.6, smoothing=1.3, dtype=precision)
         yield savings(scene, "32.3d", precision, "dam break, 3D")
