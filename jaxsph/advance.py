@@ -14,8 +14,9 @@ from jaxsph.integrate import noted
 from jaxsph.pytree import replace
 from jaxsph.state import State, to_columns, to_rows
 
-LONGEST_PAUSE = 8
-"""Steps after which to look at the neighbor lists again, at most: a wave that breaks changes velocities fast."""
+PAUSE, LONGEST_PAUSE = 0.8, 8
+"""After which share of the steps that neighbor lists are thought to hold to look at them again, and after how many at
+most: a wave that breaks changes velocities fast."""
 
 
 def ready(scene, found, state):
@@ -160,12 +161,13 @@ def advance(
         """What is wrong with the lists, which of them are due, and for how many steps not to look again."""
         placed = place_boundaries(scene, references, columns, time_of(number))
         positions = positions_of(scene, columns, placed)
-        steps = {name: dt * velocity for name, velocity in velocities_of(scene, columns, placed).items()}
+        steps = {name: dt * velocity for name, velocity in velocities_of(scene, columns, placed, dt / 2).items()}
         left = surroundings.steps_left(lists, positions, steps, reserve)
         health = surroundings.note(health, lists, positions, state.step + number, left)
-        due = {name: ~(number_left >= 1) for name, (number_left, *_) in left.items()}
-        shortest = jnp.min(jnp.stack([number_left for number_left, *_ in left.values()]))
-        pause = jnp.clip(jnp.where(shortest >= 1, shortest / 2, 1), 1, LONGEST_PAUSE).astype(jnp.int32)
+        due = {name: ~(lasts.steps >= 1) for name, lasts in left.items()}
+        # Who has just come near others belongs to other regions once lists are new: then one step, and another look.
+        shortest = jnp.min(jnp.stack([lasts.steps for lasts in left.values()]))
+        pause = jnp.clip(jnp.where(shortest >= 1, shortest * PAUSE, 1), 1, LONGEST_PAUSE).astype(jnp.int32)
         return health, (due, pause)
 
     health = state.health

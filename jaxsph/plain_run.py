@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from contextlib import nullcontext
 
@@ -48,7 +49,10 @@ compiled, which takes longer than hundreds of steps. Water that runs far needs m
 
 RESERVE, LARGE_RESERVE = 1.25, 5.0
 """How much further than its velocity says a particle may go in a step before lists that were thought to hold do not:
-at first, and once that was not enough."""
+at first, and where that was not enough."""
+
+STEPS_AT_ONCE = 500
+"""So many steps are done again at most when lists did not suffice."""
 
 
 def _start(scene, found, state, options):
@@ -115,16 +119,29 @@ def _in_cell_order(scene, references, columns, found):
 
 
 def _to_next_save(scene, references, columns, state, found, time_step, options):
-    """One interval; again, with more room, skin or more frequent builds, if the neighbor lists did not suffice."""
+    """One interval, some steps at a time, until it is done or something is wrong that more room does not mend."""
+    every, left = options["rebuild_every"], options["n_steps"]
+    at_once = math.ceil(STEPS_AT_ONCE / every) * every if scene.meets else left
+    while left > 0:
+        some = min(left, at_once)
+        columns, state, found, options = _some_steps(scene, references, columns, state, found, time_step, options, some)
+        if int(state.health.reason) != GOOD:
+            break
+        left -= some
+    return columns, state, found, options
+
+
+def _some_steps(scene, references, columns, state, found, time_step, options, n_steps):
+    """Some steps; again, with more room, skin or more frequent builds, if the neighbor lists did not suffice."""
+    reserve = RESERVE
     while True:
-        counts = {name: np.int32(options[name]) for name in ("n_steps", "rebuild_every")}
-        reserve = options.get("reserve", RESERVE)
+        counts = {"n_steps": np.int32(n_steps), "rebuild_every": np.int32(options["rebuild_every"])}
         traced = {**counts, "reserve": np.asarray(reserve, scene.dtype)}  # see advance
         given = {name: value for name, value in options.items() if name != "growth"}
         advanced, new = advance_compiled(scene, references, columns, found, state, time_step, **given | traced)
         reason = int(new.health.reason) if scene.meets else GOOD
         if reason == BEYOND_SKIN and reserve < LARGE_RESERVE:
-            options = {**options, "reserve": LARGE_RESERVE}
+            reserve = LARGE_RESERVE
         elif reason == BEYOND_SKIN and float(new.health.number) < _longest_way(scene, found):
             # One step alone is too much for this skin: the fluid is faster than a few times its sound speed's tenth.
             placed = place_boundaries(scene, references, columns, state.time)

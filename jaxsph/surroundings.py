@@ -7,6 +7,7 @@ of them is carried from block to block but what went wrong.
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -119,33 +120,49 @@ def rebuild(scene, templates: dict, positions: dict, pairs=None) -> dict[str, Ne
     return lists
 
 
-def steps_left(lists: dict[str, NeighborList], positions: dict, steps: dict, reserve) -> dict:
+class Left(NamedTuple):
+    """What is left of a list.
+
+    Attributes:
+        steps: for how many more it holds; below zero if it does not any more.
+        closer: how much closer pairs can have come [m].
+        limit: how much they may have [m].
+    """
+
+    steps: Any
+    closer: Any
+    limit: Any
+
+
+def steps_left(lists: dict[str, NeighborList], positions: dict, steps: dict, reserve) -> dict[str, Left]:
     """For how many more steps each list holds, if particles go on as in `steps` (d, N) [m], and by how much it broke.
 
     Args:
         lists: by name.
         positions: (d, N) by system [m].
-        steps: how far the particles of each system go in a step (d, N) [m].
+        steps: how far the particles of each system that moves go in a step (d, N) [m].
         reserve: how many times as fast as that they may come closer.
-
-    Returns:
-        By name (number of steps, below zero if it does not hold any more; how much closer pairs can have come [m];
-        how much they may have [m]).
     """
     left = {}
     for name, neighbors in lists.items():
         a, b = name.split("-")
         parts = [(neighbors, a)] if neighbors.transpose is None else [(neighbors, a), (neighbors.transpose, b)]
         domain = neighbors.grid.domain
-        so_far = closing(neighbors, *(domain.displacement(positions[own], part.reference) for part, own in parts))
-        a_step = closing(neighbors, *(steps[own] for _, own in parts))
-        tiny = jnp.finfo(so_far.far.dtype).tiny
-        skin, apart = neighbors.skin, far_enough(neighbors)
-        near = jnp.min((skin - so_far.near) / (reserve * a_step.near + tiny))
-        far = (apart - so_far.far) / (reserve * a_step.far + tiny)
-        closest = jnp.max(so_far.near)
-        is_near = closest * apart >= so_far.far * skin if math.isfinite(apart) else True  # which is the closer call
-        left[name] = jnp.minimum(near, far), jnp.where(is_near, closest, so_far.far), jnp.where(is_near, skin, apart)
+        so_far_and_in_a_step = [
+            jnp.stack([domain.displacement(positions[own], part.reference), steps[own]], axis=1) if own in steps else 0
+            for part, own in parts
+        ]
+        near, far = closing(neighbors, *so_far_and_in_a_step)
+        skin, apart, tiny = neighbors.skin, far_enough(neighbors), jnp.finfo(far.dtype).tiny
+        steps_near = (skin - near[0]) / (reserve * near[1] + tiny)
+        steps_far = (apart - far[0]) / (reserve * far[1] + tiny)
+        closest = jnp.max(near[0])
+        is_near = closest * apart >= far[0] * skin if math.isfinite(apart) else True  # which is the closer call
+        left[name] = Left(
+            jnp.minimum(jnp.min(steps_near), steps_far),
+            jnp.where(is_near, closest, far[0]),
+            jnp.where(is_near, skin, apart),
+        )
     return left
 
 
@@ -171,7 +188,7 @@ def note(health: Health, lists: dict[str, NeighborList], positions: dict, step, 
         if left is None:
             closer, limit = moved(neighbors, positions[a], None if a == b else positions[b]), neighbors.skin
         else:
-            _, closer, limit = left[name]
+            closer, limit = left[name].closer, left[name].limit
         broken = ~((closer < limit) | (closer == 0))
         health = health.note(broken & jnp.isfinite(closer), BEYOND_SKIN, step, closer, limit)
     return health

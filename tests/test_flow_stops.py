@@ -10,7 +10,7 @@ from fluids import column
 
 import jaxsph as sph
 from jaxsph import plain_run, surroundings
-from jaxsph.health import Health
+from jaxsph.health import BEYOND_SKIN, GOOD, OVERFLOW, Health
 from jaxsph.pytree import replace
 
 FIELDS = ("position", "velocity", "acceleration", "density_deviation", "density_gradient")
@@ -83,6 +83,30 @@ def test_lists_grow_by_more_each_time(scene, monkeypatch):
         assert factor >= plain_run.MORE_ROOM**k * (1 - 1e-12)
 
 
+def test_what_lists_did_not_suffice_for_is_done_again_and_no_more(scene, monkeypatch):
+    """An interval of twelve steps, four at a time, of which the second four find too little room."""
+    whole = sph.simulate(scene, 0.012, time_step=1e-3)
+    asked, advance = [], plain_run.advance_compiled
+
+    def with_too_little_room(*arguments, **options):
+        columns, state = advance(*arguments, **options)
+        asked.append((int(arguments[4].step), int(options["n_steps"]), float(options["reserve"])))
+        reason = {3: BEYOND_SKIN, 4: OVERFLOW}.get(len(asked), GOOD)
+        health = state.health.note(reason != GOOD, reason, state.step, 1e-3, 1e-3)
+        return columns, replace(state, health=health)
+
+    monkeypatch.setattr(plain_run, "advance_compiled", with_too_little_room)
+    monkeypatch.setattr(plain_run, "STEPS_AT_ONCE", 4)
+    run = sph.simulate(scene, 0.012, time_step=1e-3)
+    usual, large = plain_run.RESERVE, plain_run.LARGE_RESERVE
+    # the first is the step of no duration before any other
+    assert asked == [(0, 1, usual), (0, 4, usual), (4, 4, usual), (4, 4, large), (4, 4, large), (8, 4, usual)]
+    assert int(run.final.step) == 12
+    # lists built at other steps: the same neighbors in another order
+    for name, there in whole.final.systems["water"].items():
+        np.testing.assert_allclose(run["water"][name][-1], there, rtol=0, atol=1e-10 * max(np.abs(there).max(), 1e-30))
+
+
 def test_lists_hold_as_long_as_no_pair_can_have_come_closer_than_the_skin(scene):
     found = sph.topologies(scene)
     positions = {name: jnp.asarray(scene[name].particles.positions).T for name in ("water", "tank")}
@@ -101,13 +125,13 @@ def test_lists_hold_as_long_as_no_pair_can_have_come_closer_than_the_skin(scene)
         assert (closer, limit) == (pytest.approx(0.4 * skin), lists[name].skin)
         further = 10 * lists[name].skin / skin - 4  # steps: along the walls particles may go further
         assert left == pytest.approx(further)
-        assert steps(moved, step, reserve=2.0)[name][0] == pytest.approx(further / 2)
+        assert steps(moved, step, reserve=2.0)[name].steps == pytest.approx(further / 2)
     assert lists["water-tank"].skin == pytest.approx(surroundings.SKIN_BETWEEN_SETS * skin)
     # All of the water goes the same way: it comes closer to the tank alone.
     moved = {**positions, "water": positions["water"] + 0.4 * skin}
     rounding = 1e-15  # of positions of up to a meter
-    assert steps(moved, still)["water-water"][1] == pytest.approx(0.0, abs=rounding)
-    assert steps(moved, still)["water-tank"][1] == pytest.approx(0.4 * skin * np.sqrt(2))
+    assert steps(moved, still)["water-water"].closer == pytest.approx(0.0, abs=rounding)
+    assert steps(moved, still)["water-tank"].closer == pytest.approx(0.4 * skin * np.sqrt(2))
 
 
 @pytest.mark.slow

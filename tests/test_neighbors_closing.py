@@ -82,7 +82,7 @@ def test_particles_that_go_together_do_not_close():
     shear = jnp.stack([0.1 * positions[1], jnp.zeros_like(positions[1])])
     found = closing(neighbors, shear)
     assert float(found.far) == pytest.approx(0.1, rel=0.1)  # particles do not reach the walls
-    assert float(found.near.max()) == pytest.approx(0.1 * 3 / 5, rel=0.1), "three regions of five"
+    assert float(found.near.max()) == pytest.approx(0.1 * 3 / 11, rel=0.1), "three regions of eleven"
 
 
 def test_senders_belong_to_lists_of_two_sets():
