@@ -70,6 +70,26 @@ def test_particles_on_both_sides_of_an_end_of_the_box_are_seen_to_close():
         assert float(found.near.max()) == pytest.approx(0.03)  # .015 each, towards each other
 
 
+@pytest.mark.parametrize("sets", ["one", "two"])
+@pytest.mark.parametrize("side", [-1, 1])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_with_a_region_between_them_only_what_they_come_closer_along_that_axis_counts(axis, side, sets):
+    """Of eleven regions along each axis one stands in the sixth, and the other in the fourth or the eighth."""
+    a = jnp.full((2, 1), 0.5)
+    b = a.at[axis].add(0.19 * side)
+    towards = jnp.full((2, 1), 0.05).at[axis].set(-0.01 * side)
+    search = neighbor_list(Domain((0, 0), (1, 1)), CUTOFF, SKIN)
+    for ways, closer in ((towards, 0.01), (-towards, 0.0)):
+        if sets == "two":
+            found = closing(search.allocate(a, b), jnp.zeros_like(a), ways)
+            at_rest = closing(search.allocate(a, b), 0, ways)
+            np.testing.assert_array_equal(found.near, at_rest.near)
+        else:
+            found = closing(search.allocate(jnp.hstack([a, b])), jnp.hstack([jnp.zeros_like(a), ways]))
+        assert float(found.near.max()) == pytest.approx(closer, abs=1e-12)
+        assert float(found.far) == pytest.approx(float(jnp.linalg.norm(ways)))
+
+
 def test_particles_that_go_together_do_not_close():
     search = neighbor_list(Domain((0, 0), (1, 1)), CUTOFF, SKIN)
     positions = jnp.asarray(lattice(2, 0.4))
