@@ -176,7 +176,8 @@ def velocities_of(scene, columns, placed, ahead) -> dict:
     velocities |= {wall.name: placed[wall.name][1] for wall in scene.walls if wall.moves}  # else it slides at most
     velocities |= {solid.name: placed[solid.name][1] for solid in scene.solids}
     if scene.effect(Contact) is not None:
-        velocities[TOUCHING] = jnp.concatenate([velocities[body.name] for body in bodies(scene)], axis=1)
+        of_all = [velocities.get(body.name, jnp.zeros_like(placed[body.name][1])) for body in bodies(scene)]
+        velocities[TOUCHING] = jnp.concatenate(of_all, axis=1)
     return velocities
 
 

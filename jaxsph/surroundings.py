@@ -147,6 +147,10 @@ def steps_left(lists: dict[str, NeighborList], positions: dict, steps: dict, res
     for name, neighbors in lists.items():
         a, b = name.split("-")
         parts = [(neighbors, a)] if neighbors.transpose is None else [(neighbors, a), (neighbors.transpose, b)]
+        if not any(own in steps for _, own in parts):
+            dtype = neighbors.reference.dtype
+            left[name] = Left(jnp.asarray(jnp.inf, dtype), jnp.zeros((), dtype), neighbors.skin)
+            continue
         domain = neighbors.grid.domain
         so_far_and_in_a_step = [
             jnp.stack([domain.displacement(positions[own], part.reference), steps[own]], axis=1) if own in steps else 0
