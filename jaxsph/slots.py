@@ -24,9 +24,9 @@ step with one turn for each takes up to a fifth longer, but the program is compi
 thousands of steps. `make bench` measures it from 4,000 particles on, turns; the tiles by pair_sum."""
 
 ABREAST = {jnp.dtype(jnp.float32): 2048, jnp.dtype(jnp.float64): 0}
-"""Fewer receivers than this do several slots of theirs at once, as one array of at most so many pairs: every turn of a
-loop takes some time however short its arrays are. Steps of a few hundred particles take three fifths of what they take
-with one slot in a turn. Of arrays twice as long XLA makes parts for both cores, which wait for each other. In float64,
+"""Few receivers do several slots of theirs at once, as one array of at most so many pairs: every turn of a loop takes some
+time however short its arrays are. Runs of a few hundred particles take three fifths of what they take with one slot in a
+turn. Of arrays twice as long XLA makes parts for both cores, which wait for each other. In float64,
 where calculating takes longer than turning, it gains nothing; pairs with edges, which are read and not calculated, lose
 by it. `make bench` measures it, turns."""
 

@@ -12,14 +12,14 @@ from unittest import mock
 
 import jax
 import jax.numpy as jnp
-from measure import compiled, interleaved, row
+from measure import compiled, interleaved, row, steps_of
 
 import jaxsph
-from jaxsph import slots
-from jaxsph.advance import begin_compiled, lists_of
+from jaxsph import plain_run, slots
+from jaxsph.advance import advance, begin_compiled, lists_of
 from jaxsph.side_by_side import SideBySide
 
-STEPS = 10
+STEPS, STEPS_OF_RUN = 10, 300
 FALLEN = 0.1  # s: the water has left its lattice
 
 
@@ -68,10 +68,31 @@ def rows(precision: str, quick: bool) -> Iterator[list[dict]]:
     if precision == "float32":
         for particles in (16, 25):
             cavity = jaxsph.scenes.lid_driven_cavity(particles, dtype=precision)
-            yield savings(cavity, f"cavity{particles}", precision, "cavity", FEW_WAYS)
+            yield savings_of_runs(cavity, f"cavity{particles}", precision, "cavity", FEW_WAYS)
     if not quick:
         scene = jaxsph.scenes.dam_break(32, depth=0.6, smoothing=1.3, dtype=precision)
         yield savings(scene, "32.3d", precision, "dam break, 3D")
+
+
+def savings_of_runs(scene, size: str, precision: str, case: str, ways) -> list[dict]:
+    """Time of a run of some steps in each other way over that of one as it is, lists built in it when they are due."""
+    found = jaxsph.topologies(scene)
+    time_step = jaxsph.stable_time_step(scene, found)
+
+    def run_in(way):
+        # a function of its own, so that what the other way has compiled is not taken for this one
+        own = jax.jit(lambda *arguments, **options: advance(*arguments, **options), static_argnames=("forward_mode",))
+
+        def call(run):
+            with mock.patch.object(plain_run, "advance_compiled", own):
+                return run()
+
+        with way():
+            run, seconds = call(lambda: steps_of(scene, STEPS_OF_RUN, time_step, None, found))
+        return lambda: call(run), seconds
+
+    timings = interleaved({name: run_in(way) for name, way in ways.items()}, 20.0)
+    return rows_of(timings, scene, size, precision, case, "a run")
 
 
 def savings(scene, size: str, precision: str, case="dam break", ways=WAYS) -> list[dict]:
@@ -93,6 +114,10 @@ def savings(scene, size: str, precision: str, case="dam break", ways=WAYS) -> li
         return compiled(steps, columns, lists)
 
     timings = interleaved({name: steps_in(way) for name, way in ways.items()}, 10.0)
+    return rows_of(timings, scene, size, precision, case, "a step")
+
+
+def rows_of(timings, scene, size: str, precision: str, case: str, timed: str) -> list[dict]:
     for name, timing in timings.items():
         print(timing.line(f"H / dx = {size}, {name}"), flush=True)
     counts = ", ".join(f"{s.n_particles:,} {s.name}" for s in scene.systems)
@@ -101,7 +126,7 @@ def savings(scene, size: str, precision: str, case="dam break", ways=WAYS) -> li
         row(
             f"turns.{number}.{size}.{precision}",
             case,
-            f"a step with {name} / as it is",
+            f"{timed} with {name} / as it is",
             timings[name].over(timings[usual]),
             "times",
             counts,
