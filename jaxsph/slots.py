@@ -20,15 +20,15 @@ from jaxsph.side_by_side import SideBySide
 
 UNROLL_FROM, UNROLL = 1024, 4
 """From this many particles on loops do 4 slots in a turn: between turns the sums are written and read again. Below, a
-step with one turn for each takes up to a fifth longer, but the program is compiled two seconds sooner, which is
-thousands of steps. `make bench` measures it from 4,000 particles on, turns; the tiles by pair_sum."""
+step with one in a turn takes up to a fifth longer, but the program is compiled two seconds sooner, which is thousands
+of steps. `make bench` measures it from 4,000 particles on, turns; the tiles by pair_sum."""
 
 ABREAST = {jnp.dtype(jnp.float32): 2048, jnp.dtype(jnp.float64): 0}
-"""Few receivers do several slots of theirs at once, as one array of at most so many pairs: every turn of a loop takes some
-time however short its arrays are. Runs of a few hundred particles take three fifths of what they take with one slot in a
-turn. Of arrays twice as long XLA makes parts for both cores, which wait for each other. In float64,
-where calculating takes longer than turning, it gains nothing; pairs with edges, which are read and not calculated, lose
-by it. `make bench` measures it, turns."""
+"""Few receivers do several slots of theirs at once, as one array of at most so many pairs: every turn of a loop takes
+some time however short its arrays are. Runs of a few hundred particles take three fifths of what they take with one
+slot in a turn. Of arrays twice as long XLA makes parts for both cores, which wait for each other. In float64, where
+calculating takes longer than turning, it gains nothing; pairs with edges, which are read and not calculated, lose by
+it. `make bench` measures it, turns."""
 
 UNROLL_NARROW, NARROW = 8, 64
 """In lists of at most 64 slots, as with few neighbors in 2D, it is 8 of them, but not in derivatives, which take long
