@@ -161,7 +161,7 @@ def advance(
         """What is wrong with the lists, which of them are due, and for how many steps not to look again."""
         placed = place_boundaries(scene, references, columns, time_of(number))
         positions = positions_of(scene, columns, placed)
-        steps = {name: dt * velocity for name, velocity in velocities_of(scene, columns, placed, dt / 2).items()}
+        steps = {name: dt * velocity for name, velocity in velocities_of(scene, columns, placed).items()}
         left = surroundings.steps_left(lists, positions, steps, reserve)
         health = surroundings.note(health, lists, positions, state.step + number, left)
         due = {name: ~(lasts.steps >= 1) for name, lasts in left.items()}

@@ -164,15 +164,10 @@ def positions_of(scene, columns, placed) -> dict:
     return positions
 
 
-def velocities_of(scene, columns, placed, ahead) -> dict:
-    """Velocities (d, N) [m/s] at which the particles of every system of `positions_of` that moves change their places.
-
-    ahead: of fluids so much later [s], if their accelerations last.
-    """
-    velocities = {}
-    for fluid in scene.fluids:
-        fields = columns[fluid.name]
-        velocities[fluid.name] = fields["velocity"] + ahead * fields["acceleration"] + fields.get("shift", 0.0)
+def velocities_of(scene, columns, placed) -> dict:
+    """Velocities (d, N) [m/s] at which the particles of every system of `positions_of` that moves change their places."""
+    velocities = {fluid.name: columns[fluid.name]["velocity"] for fluid in scene.fluids}
+    velocities = {name: v + columns[name].get("shift", 0.0) for name, v in velocities.items()}
     velocities |= {wall.name: placed[wall.name][1] for wall in scene.walls if wall.moves}  # else it slides at most
     velocities |= {solid.name: placed[solid.name][1] for solid in scene.solids}
     if scene.effect(Contact) is not None:

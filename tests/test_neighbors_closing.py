@@ -86,8 +86,15 @@ def test_with_a_region_between_them_only_what_they_come_closer_along_that_axis_c
             np.testing.assert_array_equal(found.near, at_rest.near)
         else:
             found = closing(search.allocate(jnp.hstack([a, b])), jnp.hstack([jnp.zeros_like(a), ways]))
-        assert float(found.near.max()) == pytest.approx(closer, abs=1e-12)
+        assert float(found.near.max()) == pytest.approx(closer, abs=1e-17)  # one difference of numbers of .01
         assert float(found.far) == pytest.approx(float(jnp.linalg.norm(ways)))
+
+
+def test_closing_has_the_precision_of_the_list():
+    positions = jnp.asarray(lattice(2, 0.1), jnp.float32)
+    neighbors = neighbor_list(Domain((0, 0), (1, 1)), CUTOFF, SKIN).allocate(positions)
+    found = closing(neighbors, positions)
+    assert found.near.dtype == found.far.dtype == jnp.float32
 
 
 def test_particles_that_go_together_do_not_close():

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from jaxsph.neighbors.lists import NeighborList, require_senders
 
 EDGE = 1.0  # of a region, in reaches of the search
-AROUND = 2  # so many regions on each side of one are near it
+AROUND = 2  # so many regions on each side of one are near it: one touches it, and one has that one between
 
 
 class Closing(NamedTuple):
@@ -36,7 +36,7 @@ def closing(neighbors: NeighborList, ways: Any, sender_ways: Any = None) -> Clos
 
     Two particles of one region, or of two that touch, come closer by no more than the diagonal of the box that holds
     the differences between ways in the one and ways in the other. Where a region lies between theirs along an axis,
-    they are more than a reach apart along it, and only how much closer they come along it counts: in a flow that turns
+    they are at least a reach apart along it, and only how much closer they come along it counts: in a flow that turns
     that is little.
 
     Args:
@@ -116,15 +116,14 @@ def _touching(neighbors, here, there):
 
 def _apart(neighbors, here, there):
     """How much closer particles of regions with one between them along an axis come along it; there is further on."""
-    d = here.shape[1]
-    closer = jnp.zeros(())
+    d, closer = here.shape[1], []
     for along in range(d):
         back = _with_around(neighbors, there[1, along], AROUND)
         for axis in range(d):
             starts = (2 * AROUND,) if axis == along else range(2 * AROUND + 1)
             back = _largest_of(back, axis - d, starts, here.shape[axis - d])
-        closer = jnp.maximum(closer, here[0, along] + back)
-    return closer
+        closer.append(here[0, along] + back)
+    return reduce(jnp.maximum, closer)
 
 
 def _with_around(neighbors, values, width):

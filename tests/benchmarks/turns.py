@@ -118,6 +118,7 @@ def savings(scene, size: str, precision: str, case="dam break", ways=WAYS) -> li
 
 
 def rows_of(timings, scene, size: str, precision: str, case: str, timed: str) -> list[dict]:
+    """How many times as long each other way takes as the first."""
     for name, timing in timings.items():
         print(timing.line(f"H / dx = {size}, {name}"), flush=True)
     counts = ", ".join(f"{s.n_particles:,} {s.name}" for s in scene.systems)
