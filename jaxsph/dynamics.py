@@ -165,7 +165,7 @@ def positions_of(scene, columns, placed) -> dict:
 
 
 def velocities_of(scene, columns, placed) -> dict:
-    """Velocities (d, N) [m/s] at which the particles of every system of `positions_of` that moves change their places."""
+    """Velocities (d, N) [m/s] at which the particles of the systems of `positions_of` that move change their places."""
     velocities = {fluid.name: columns[fluid.name]["velocity"] for fluid in scene.fluids}
     velocities = {name: v + columns[name].get("shift", 0.0) for name, v in velocities.items()}
     velocities |= {wall.name: placed[wall.name][1] for wall in scene.walls if wall.moves}  # else it slides at most
