@@ -7,7 +7,7 @@ import pytest
 from neighbor_oracles import PARTICLES, N, all_pairs, clusters, pairs_of, random, tree_pairs
 from scipy.spatial import KDTree
 
-from jaxsph.neighbors import CellGrid, Domain, cells, neighbor_list, raise_if_wrong
+from jaxsph.neighbors import CellGrid, Domain, cells, filling, neighbor_list, raise_if_wrong
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -54,6 +54,28 @@ def test_rows_for_those_near_the_other_set_alone(periodic):
         place = np.asarray(part.place)
         np.testing.assert_array_equal(place[members[:n_near]], np.arange(n_near))
         assert (np.delete(place, members[:n_near]) == len(members)).all()
+
+
+def test_many_rows_are_in_the_order_of_their_number_of_neighbors():
+    """A tile of receivers then takes few turns; the pairs are those of the list whose receivers all have a row."""
+    domain, draw = Domain((0, 0, 0), (1, 1, 1)), np.random.default_rng(6)
+    a, b = draw.uniform(0, 1, (3, 32_000)), draw.uniform(0, 1, (3, 5000))
+    b[-1] = 0.1 * b[-1] ** 2  # crowded, so that some have many more than others
+    search = neighbor_list(domain, 0.05, capacity_multiplier=2.0)
+    rows = search.allocate(jnp.asarray(a, jnp.float32), jnp.asarray(b, jnp.float32), near_only=True)
+    raise_if_wrong(rows)
+    back = rows.transpose
+    assert back is not None and back.members is not None and rows.members is not None
+    assert max(len(rows.members), len(back.members)) >= filling.ORDERED_FROM
+    pairs = pairs_of(search.allocate(jnp.asarray(a, jnp.float32), jnp.asarray(b, jnp.float32)))
+    for part, other, flip in ((rows, back, False), (back, rows, True)):
+        assert part.place is not None and part.used is not None
+        count, members, others = (np.asarray(values) for values in (part.count, part.members, other.members))
+        assert (np.diff(count) <= 0).all() and 0 < count[int(part.used) - 1] < count[0]
+        found = {(int(members[i]), int(others[j])) for i, j in pairs_of(part)}
+        assert ({(j, i) for i, j in found} if flip else found) == pairs
+        used = members[members < part.place.shape[0]]
+        np.testing.assert_array_equal(np.asarray(part.place)[used], np.arange(len(used)))
 
 
 def test_empty_slots_hold_indices_that_exist():

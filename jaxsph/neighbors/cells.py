@@ -232,24 +232,28 @@ def _dilated(flags, axis, span, *, periodic):
 
 
 def cell_order(grid: CellGrid, positions: Float[Array, "d n"]) -> Int[Array, " n"]:
-    """The permutation that sorts particles by cell; particles of one cell keep their order.
+    """The permutation that sorts particles by cell; particles of one cell keep their order."""
+    return order_by(grid.number_or_none(positions), grid.number_of_cells.bit_length())
 
-    XLA sorts a single array of integers four to seven times faster than keys with a payload. So the cell and the
-    particle are packed into one 32-bit key, and if they do not fit, the cell is sorted digit by digit.
+
+def order_by(numbers: Int[Array, " n"], bits: int) -> Int[Array, " n"]:
+    """The permutation that sorts by whole numbers of so many bits, none negative; what is equal keeps its order.
+
+    XLA sorts a single array of integers four to seven times faster than keys with a payload. So the number and the
+    place are packed into one 32-bit key, and if they do not fit, it is sorted digit by digit.
     """
-    n = positions.shape[1]
-    particle_bits = max((n - 1).bit_length(), 1)
-    cell_bits = grid.number_of_cells.bit_length()
-    digit_bits = 32 - particle_bits
+    n = numbers.shape[0]
+    place_bits = max((n - 1).bit_length(), 1)
+    digit_bits = 32 - place_bits
     lanes = jnp.arange(n, dtype=jnp.uint32)
     permutation = jnp.arange(n, dtype=jnp.int32)
-    cells = grid.number_or_none(positions).astype(jnp.uint32)
-    for shift in range(0, max(cell_bits, 1), digit_bits):
-        digit = (cells >> shift) & jnp.uint32(2**digit_bits - 1)
-        key = jax.lax.sort((digit << particle_bits) | lanes)
-        taken = (key & jnp.uint32(2**particle_bits - 1)).astype(jnp.int32)
+    left = numbers.astype(jnp.uint32)
+    for shift in range(0, max(bits, 1), digit_bits):
+        digit = (left >> shift) & jnp.uint32(2**digit_bits - 1)
+        key = jax.lax.sort((digit << place_bits) | lanes)
+        taken = (key & jnp.uint32(2**place_bits - 1)).astype(jnp.int32)
         permutation = permutation.at[taken].get(mode="promise_in_bounds")
-        cells = cells.at[taken].get(mode="promise_in_bounds")
+        left = left.at[taken].get(mode="promise_in_bounds")
     return permutation
 
 

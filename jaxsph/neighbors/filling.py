@@ -8,10 +8,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.neighbors.cells import cumulative_sum
+from jaxsph.neighbors.cells import cumulative_sum, order_by
 from jaxsph.neighbors.lists import NeighborList
 from jaxsph.neighbors.search import find_neighbors, index_cells
 from jaxsph.pytree import replace
+
+ORDERED_FROM = 8192
+"""Rows of a list from which on they are put in order of how many neighbors each has."""
 
 
 @partial(jax.jit, static_argnums=(0, 1))
@@ -33,9 +36,47 @@ def _rebuilt_near(grid, neighbors, positions, senders):
     """A list of two sets with rows for those near each other: found, and then searched like any two sets."""
     forward, positions_near, n_near = _chosen(grid, neighbors, positions, senders)
     back, senders_near, n_senders_near = _chosen(grid, neighbors.transpose, senders, positions)
-    forward = _filled(grid, forward, positions_near, index_cells(grid, senders_near, False), None, n_near)
-    back = _filled(grid, back, senders_near, index_cells(grid, positions_near, False), None, n_senders_near)
+    by_count = max(forward.capacity.members, back.capacity.members) >= ORDERED_FROM
+    indexed, indexed_senders = index_cells(grid, positions_near, False), index_cells(grid, senders_near, False)
+    forward = _filled(grid, forward, positions_near, indexed_senders, None, n_near, in_cell_order=by_count)
+    back = _filled(grid, back, senders_near, indexed, None, n_senders_near, in_cell_order=by_count)
+    if by_count:
+        order, order_of_back = _most_first(forward), _most_first(back)
+        rows, rows_of_back = _places(order, len(order)), _places(order_of_back, len(order_of_back))
+        of_cells, senders_of_cells = indexed[0], indexed_senders[0]
+        forward = _reordered(forward, order, rows, rows_of_back.at[senders_of_cells].get(mode="promise_in_bounds"))
+        back = _reordered(back, order_of_back, rows_of_back, rows.at[of_cells].get(mode="promise_in_bounds"))
     return replace(forward, reference=positions, transpose=replace(back, reference=senders))
+
+
+def _most_first(part):
+    """The permutation of rows that puts those with most neighbors first.
+
+    A loop takes as many turns for a tile of receivers as one of them needs, and at a wall most have a few, some a
+    hundred.
+    """
+    most = part.capacity.slots
+    return order_by(most - part.count, most.bit_length())
+
+
+def _reordered(part, order, rows, numbers):
+    """The list with its rows in another order, and other numbers for neighbors.
+
+    order, rows: which row comes where, and where each went; numbers: the row of each neighbor, by its old number.
+    """
+
+    def of_slot(slot, indices):
+        row = jax.lax.dynamic_index_in_dim(part.indices, slot, keepdims=False).at[order].get(mode="promise_in_bounds")
+        row = numbers.at[row].get(mode="promise_in_bounds")
+        return jax.lax.dynamic_update_slice_in_dim(indices, row[None], slot, 0)
+
+    return replace(
+        part,
+        indices=jax.lax.fori_loop(0, jnp.max(part.count), of_slot, jnp.zeros_like(part.indices)),
+        count=part.count.at[order].get(mode="promise_in_bounds"),
+        members=part.members.at[order].get(mode="promise_in_bounds"),
+        place=rows.at[part.place].get(mode="fill", fill_value=len(order)),
+    )
 
 
 def _chosen(grid, part, positions, others):
@@ -50,11 +91,15 @@ def _chosen(grid, part, positions, others):
     return part, positions.at[:, members].get(mode="fill", fill_value=jnp.nan), n_near
 
 
-def _filled(grid, neighbors, receivers, indexed_senders, own, n_used=None):
-    """The list of these receivers, or of the first n_used, with its flags brought up to date."""
+def _filled(grid, neighbors, receivers, indexed_senders, own, n_used=None, *, in_cell_order=False):
+    """The list of these receivers, or of the first n_used, with its flags brought up to date.
+
+    in_cell_order: number neighbors by their places in cell order.
+    """
     permutation, sorted_senders, starts, ordered = indexed_senders
+    ids = None if in_cell_order else permutation
     indices, count, width, width_round = find_neighbors(
-        grid, receivers, sorted_senders, starts, permutation, own, neighbors.capacity, n_used
+        grid, receivers, sorted_senders, starts, ids, own, neighbors.capacity, n_used
     )
     return replace(
         neighbors,

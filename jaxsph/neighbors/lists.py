@@ -26,7 +26,7 @@ class NeighborList:
 
     Attributes:
         indices: (K, N) index of the sender in each slot, valid slots first. Empty slots hold an index that
-            exists: the receiver's own in a list of one set, 0 in a list of two.
+            exists: the receiver's own in a list of one set.
         count: (N,) number of valid slots.
         transpose: the list seen from the senders; None for one set, whose list is symmetric.
         reference: (d, N) positions of the receivers when the list was built [m].
