@@ -3,6 +3,8 @@
 import numpy as np
 import pytest
 
+from jaxsph import scenes
+from jaxsph.explain import arrangement
 from jaxsph.geometry import box, polygon, tank
 
 SPACING = 0.1
@@ -166,3 +168,22 @@ def test_polygon_holds_what_is_inside_and_nothing_else():
 def test_a_polygon_that_does_not_fit_is_refused(corners, spacing, said):
     with pytest.raises(ValueError, match=said):
         polygon(corners, spacing)
+
+
+SCENES = {
+    "still_water": lambda smoothing: scenes.still_water(10, smoothing=smoothing),
+    "dam_break": lambda smoothing: scenes.dam_break(10, smoothing=smoothing),
+    "dam_break_plate": lambda smoothing: scenes.dam_break_plate(10, smoothing=smoothing),
+    "elastic_gate": lambda smoothing: scenes.elastic_gate(10, smoothing=smoothing),
+    "moving_wall": lambda smoothing: scenes.moving_wall(10, smoothing=smoothing),
+    "water_column_on_plate": lambda smoothing: scenes.water_column_on_plate(smoothing=smoothing),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("smoothing", [1.3, 3.0])
+def test_walls_of_scenes_are_as_thick_as_water_beside_them_sees(name, smoothing):
+    scene = SCENES[name](smoothing)
+    for wall in scene.walls:
+        found = arrangement.layers(scene, wall)
+        assert found is not None and found >= arrangement.layers_needed(scene, wall)

@@ -14,7 +14,7 @@ from jaxsph.geometry import box, tank
 from jaxsph.materials import StVenantKirchhoff
 from jaxsph.scene import Scene
 from jaxsph.scenes.plate_parts import USUAL, friction_of, plate_scene, rooted_plate, without
-from jaxsph.scenes.tank_flow import GRAVITY, LAYERS
+from jaxsph.scenes.tank_flow import GRAVITY, layers_of
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, Wall
 
@@ -87,8 +87,9 @@ def elastic_gate(
         thickness=thickness,
     )
     top = round(1.2 * height / spacing) * spacing
-    deep = LAYERS * spacing
-    left_and_floor = tank((0, 0), (width, top), spacing, LAYERS, sides=["left", "bottom"], dtype=dtype)
+    layers = layers_of(smoothing)
+    deep = layers * spacing
+    left_and_floor = tank((0, 0), (width, top), spacing, layers, sides=["left", "bottom"], dtype=dtype)
     floor = box((width, -deep), (round(outside / spacing) * spacing, deep), spacing, dtype=dtype)
     right = box((width, 0.0), (deep, top), spacing, dtype=dtype)
     right = right.where(right.positions[:, 1] > length)

@@ -16,7 +16,7 @@ from jaxsph.materials import NeoHookean, StVenantKirchhoff
 from jaxsph.neighbors import Domain
 from jaxsph.rigid_body import RigidBody
 from jaxsph.scene import Scene
-from jaxsph.scenes.tank_flow import GRAVITY, LAYERS
+from jaxsph.scenes.tank_flow import GRAVITY, layers_of
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, BernoulliExtrapolation, Wall
 
@@ -186,7 +186,8 @@ def falling_column_on_beam(
         dtype: float32 or float64; None takes jax's default.
     """
     spacing, fine = width / particles, thickness / (across - 1)
-    root = LAYERS * spacing
+    layers = layers_of(smoothing)
+    root = layers * spacing
     strip = clamped_strip(length, thickness, across, math.ceil(root / fine), dtype)
     below = strip.positions - np.array([0.0, 0.5 * thickness])  # its upper side at y = 0
     body = dataclasses.replace(strip, positions=below.astype(strip.positions.dtype))
@@ -202,7 +203,7 @@ def falling_column_on_beam(
         thickness=thickness,
     )
     floor, size = round(-1.6 * length / spacing) * spacing, round(2 * length / spacing) * spacing
-    walls = tank((0, floor), (size, size), spacing, LAYERS, dtype=dtype)
+    walls = tank((0, floor), (size, size), spacing, layers, dtype=dtype)
     low, high = np.min(body.positions, axis=0), np.max(body.positions, axis=0)
     socket = np.all((walls.positions > low - 0.1 * fine) & (walls.positions < high + 0.1 * fine), axis=1)
     basin = Wall("tank", walls.where(~socket), AdamiExtrapolation(clip=True), no_slip=False)

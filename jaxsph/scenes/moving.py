@@ -11,7 +11,7 @@ import numpy as np
 from jaxsph.geometry import box
 from jaxsph.pytree import replace
 from jaxsph.scene import Scene
-from jaxsph.scenes.tank_flow import GRAVITY, column_in_tank
+from jaxsph.scenes.tank_flow import GRAVITY, column_in_tank, layers_of
 from jaxsph.walls import AdamiExtrapolation, Wall
 
 
@@ -107,7 +107,7 @@ def dam_break_gate(
         smoothing: smoothing length in spacings.
         dtype: float32 or float64; None takes jax's default.
     """
-    layers = 3
+    layers = max(3, math.floor(2 * smoothing))
     gate = Wall(
         "gate",
         box((0.2, 0.0), (layers * spacing, round(0.48 / spacing) * spacing), spacing, dtype=dtype),
@@ -168,7 +168,7 @@ def moving_wall(
         smoothing: smoothing length in spacings.
         dtype: float32 or float64; None takes jax's default.
     """
-    spacing, layers = depth / particles, 4
+    spacing, layers = depth / particles, layers_of(smoothing)
     cells, height = round(length / spacing), round(2.5 * particles) * spacing
     wall = Wall(
         "wall",

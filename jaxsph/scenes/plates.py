@@ -14,7 +14,7 @@ from jaxsph.pytree import replace
 from jaxsph.scene import Scene
 from jaxsph.scenes.moving import dam_break_gate
 from jaxsph.scenes.plate_parts import USUAL, friction_of, plate_scene, rooted_plate, without
-from jaxsph.scenes.tank_flow import GRAVITY, LAYERS
+from jaxsph.scenes.tank_flow import GRAVITY, layers_of
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, Wall
 
@@ -66,7 +66,7 @@ def dam_break_plate(
         viscosity=viscosity,
         pressure=lambda x: density * GRAVITY * (height - x[:, 1]),
     )
-    walls = tank((0, 0), inside, spacing, LAYERS, dtype=dtype)
+    walls = tank((0, 0), inside, spacing, layers_of(smoothing), dtype=dtype)
     body, root = rooted_plate(place, thickness, length, across, dtype)
     plate = Structure(
         "plate",

@@ -16,7 +16,15 @@ from jaxsph.scene import Scene
 from jaxsph.walls import AdamiExtrapolation, Wall
 
 GRAVITY = 9.81  # m/s^2
-LAYERS = 4  # of wall particles
+LAYERS = 4  # of wall particles at least
+
+
+def layers_of(smoothing: float) -> int:
+    """How many layers of particles a wall has for a smoothing length in spacings: as many as water beside it sees.
+
+    With fewer it is pushed back by less, and gets through.
+    """
+    return max(LAYERS, math.ceil(2 * smoothing))
 
 
 def still_water(
@@ -159,7 +167,7 @@ def column_in_tank(
     )
     basin = Wall(
         "tank",
-        tank(np.zeros(d), inside, spacing, LAYERS, dtype=dtype),
+        tank(np.zeros(d), inside, spacing, layers_of(smoothing), dtype=dtype),
         AdamiExtrapolation(clip=True),
         no_slip=no_slip,
         motion=motion,
