@@ -119,7 +119,7 @@ def _with_slopes(evaluate, best: Evaluation, trend: Evaluation) -> Evaluation:
 
 
 class History:
-    """One entry per run, printed as it happens."""
+    """One entry per trial, printed as it happens."""
 
     def __init__(self, model: Model, progress: bool) -> None:
         self.entries: list[dict] = []

@@ -128,7 +128,7 @@ class Problem:
 
     @property
     def simulate(self) -> Callable[[Any, np.ndarray, str], Any]:
-        """The simulator; the default one is made when it is first needed, because with fluids it runs them once."""
+        """The simulator; the default one is made when it is first needed, because with fluids it runs some of them."""
         if self._simulate is None:
             _, time_step, save_every = self._asked.values()
             self._simulate = JaxsphSimulation(

@@ -29,7 +29,8 @@ class Fit:
         seconds: everything; compile_seconds and run_seconds are parts of it.
         sensitivity: (T m, n) derivative of the simulated series by the values, at the values found; None where it
             was not computed.
-        history: one dictionary per run: run, cost, values, accepted, window [s], samples, note, seconds.
+        history: one dictionary per trial, for which secants and scans make several runs: run, cost, values, accepted,
+            window [s], samples, note, seconds.
 
     """
 

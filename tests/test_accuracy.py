@@ -177,6 +177,21 @@ def test_recommend_for_a_time_confirms_with_a_short_run():
     assert "more than 4 times the finest run" in str(found)
 
 
+def test_recommend_does_not_run_a_guess():
+    """The scene of an error that is far off may be larger than any machine."""
+    ran = []
+
+    class Counted(KnownStudy):
+        def measure(self, settings: Any):
+            ran.append(settings["particles"])
+            return super().measure(settings)
+
+    case = Counted(lambda **settings: None, 2.0, 0.1, error_of=lambda run: 0.0)
+    found = accuracy.recommend(case, tolerance=1e-7, resolutions=(10, 20), show=False)
+    assert ran == [10, 20] and found.settings["particles"] > 1000  # type: ignore[operator]
+    assert "a guess" in str(found)
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [

@@ -164,6 +164,14 @@ def _acceleration(scene, references, columns, lists, placed):
     return forces(scene, references, columns, placed, lists, 0.0, forward_mode=True)["water"]["acceleration"]
 
 
+def test_a_corrected_gradient_takes_a_pass_for_its_moments():
+    """Over the fluid and over its wall: the one effect on fluids that does."""
+    usual, corrected = (
+        programs.step(bare(sph.ParticleShifting(), *more)) for more in ([], [sph.KernelGradientCorrection()])
+    )
+    assert corrected.passes == usual.passes + 2
+
+
 def test_all_effects_share_the_passes():
     listed = [
         sph.ArtificialViscosity(), sph.DeltaDiffusion(), sph.TensileControl(), sph.BodyForce(swaying),

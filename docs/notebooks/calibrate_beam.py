@@ -47,8 +47,7 @@ Image(out / "calibrate_beam.png", width=640)
 
 # %% [markdown]
 # The standard error holds what looks like noise in the residual, and nothing else. What five particles across the
-# thickness get wrong is a bias on top of it. One run at half the spacing estimates it (page "The fit"). A part of
-# the rest: the finite elements have the beam at a round cylinder, we have it at a flat wall.
+# thickness get wrong is a bias on top of it. One run at half the spacing estimates it (page "The fit").
 #
 # ## The same by hand, with noise
 #

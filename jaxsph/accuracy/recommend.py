@@ -71,7 +71,8 @@ def recommend(
         resolutions: to run, from coarse to fine, such as (10, 14, 20): at least two, without a reference three.
         settings: the others, for all runs.
         error: which one; None is the first.
-        confirm: run the settings that are recommended to the first save and take the time from there.
+        confirm: run the settings that are recommended to the first save and take the time from there. Not for a
+            tolerance that makes them a guess: such a scene may be larger than any machine.
         show: print the runs and the recommendation.
 
     Raises:
@@ -116,12 +117,13 @@ def recommend(
         )
     cost = CostLaw.through(n, rows)
     chosen = _resolution(law, cost, tolerance, seconds, whole=all(float(one).is_integer() for one in n))
-    if chosen > FAR * n[-1]:
+    far = chosen > FAR * n[-1]
+    if far:
         messages.append(f"{chosen:.4g} is more than {FAR:g} times the finest run: a guess; run something in between")
     if chosen < n[0]:
         messages.append(f"{chosen:.4g} is coarser than all that was run")
     expected, taken = float(cost(chosen)), {study.resolution: chosen, **fixed}
-    if confirm and study.save_every is not None and study.save_every < study.t_end:
+    if confirm and (not far or seconds is not None) and study.save_every is not None and study.save_every < study.t_end:
         expected, note = _confirmed(study, taken, expected)
         messages += [note] if note else []
     growth = float(np.log(cost(1.01 * chosen) / cost(chosen)) / math.log(1.01))

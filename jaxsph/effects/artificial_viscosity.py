@@ -19,7 +19,7 @@ class ArtificialViscosity(FlowEffect):
         Pi_ab = (-alpha c mu + beta mu^2) / rho,  mu = h v_ab . x_ab / (x_ab^2 + .01 h^2)  if v_ab . x_ab < 0, else 0,
 
     with the mean density rho. J. J. Monaghan (1992), Annu. Rev. Astron. Astrophys. 30, 543, eq. (4.1). Acts like a
-    kinematic viscosity of about alpha h c / 8 in 2D, / 10 in 3D (half of it, since only approaching pairs count).
+    kinematic viscosity of about alpha h c / 16 in 2D, / 20 in 3D, half of what it would if all pairs counted.
     Continuous but not differentiable where pairs turn from approaching to receding: there a gradient is one of the two
     one-sided ones. It does not act between fluid and walls, where it would be a drag along the wall.
 

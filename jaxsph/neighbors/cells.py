@@ -37,8 +37,8 @@ class CellGrid:
         spans: how many cells the reach extends over, along each axis.
         along: the axis of the rows.
         lower, lengths: of the box that the cells divide, as large as the domain or smaller. Particles beyond it
-            belong to cells in it: across the rows as if the box were repeated, along them to the outermost ones. Their
-            neighbors are found too, among candidates from both places.
+            belong to cells in it: across the rows as if the box were repeated, along them and in domains that are far
+            longer (`repeats`) to the outermost ones. Their neighbors are found too, among candidates from both places.
     """
 
     domain: Domain
@@ -140,7 +140,7 @@ class CellGrid:
         return jnp.where(jnp.isnan(positions[0]), self.number_of_cells, self.number(self.coordinates(positions)))
 
     def starts(self, sorted_numbers: Int[Array, " n"]) -> Int[Array, " cells_and_more"]:
-        """First particle of each cell among particles sorted by cell; from the last cell on, how many have one."""
+        """First particle of each cell among particles sorted by cell; behind the last cell, how many are in one."""
         whole = BLOCK**3  # blocks, of which none is cut short: a fifth of the time
         counts = jnp.zeros(-(-(self.number_of_cells + 2) // whole) * whole, jnp.int32)
         counts = counts.at[sorted_numbers + 1].add(1, mode="promise_in_bounds", indices_are_sorted=True)

@@ -14,7 +14,7 @@ from jaxsph.neighbors.search import find_neighbors, index_cells
 from jaxsph.pytree import replace
 
 ORDERED_FROM = 8192
-"""Rows of a list from which on they are put in order of how many neighbors each has."""
+"""Rows of one part of a list from which on those of both are put in order of how many neighbors each has."""
 
 
 @partial(jax.jit, static_argnums=(0, 1))

@@ -45,7 +45,7 @@ def wall_pressure(
             wall's particles, which in a corner is its bisector.
         hydrostatic: continue each particle's pressure to the sensor, p_b + rho_b (g - a_wall) . (x - x_b), as
             `AdamiExtrapolation` does. Without, still water above a sensor reads too low by the pressure of about
-            a third of a support radius.
+            a fifth of a support radius.
 
     Returns: 0 where no fluid is near. Continuous; its derivative jumps as a sensor becomes wet.
 

@@ -17,7 +17,8 @@ def surge_front(scene, state, name: str, axis: int = 0, *, backward: bool = Fals
     """Furthest coordinate [m] that the bulk of a fluid reaches along an axis: its foremost particle and half a spacing.
 
     Spray does not count: particles around which the sum of V W over the others is less than a share `spray` of what
-    it is in the bulk. One particle alone has 0, one at the end of a row of particles .15, in a corner .45. Only the
+    it is in the bulk. One particle alone has 0, one at the end of a row of particles .14 to .2, in a corner
+    .4 to .45, by smoothing length. Only the
     128 foremost are looked at; if all of them are spray, the one that is least so counts.
 
     Args:

@@ -77,7 +77,7 @@ def turek_hron_beam(
 
     S. Turek, J. Hron (2006), in Fluid-Structure Interaction, LNCSE 53, 371, doi:10.1007/3-540-34596-5_15.
     As there, the root follows the cylinder of radius .05 m: at the surfaces the beam is 1 mm longer than in the
-    middle, which lowers its frequency by .2 %.
+    middle, which lowers its frequency by .5 %.
     """
     flat = cantilever(
         0.35,

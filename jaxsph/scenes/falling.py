@@ -12,7 +12,7 @@ import numpy as np
 from jaxsph.effects import ArtificialViscosity, Contact, DeltaDiffusion, PenaltyForce, WallRepulsion
 from jaxsph.fluid import Fluid
 from jaxsph.geometry import ball, box, clamped_strip, tank
-from jaxsph.materials import NeoHookean, StVenantKirchhoff
+from jaxsph.materials import MonaghanViscosity, NeoHookean, StVenantKirchhoff
 from jaxsph.neighbors import Domain
 from jaxsph.rigid_body import RigidBody
 from jaxsph.scene import Scene
@@ -134,6 +134,7 @@ def _into_water(solids, spacing, depth, inside, dimension, effects, smoothing, d
         "water",
         box(corner, (*size[:-1], depth), spacing, dtype=dtype),
         **{**water, "sound_speed": sound_speed},
+        viscosity_law=MonaghanViscosity(),
         pressure=lambda x: water["density"] * GRAVITY * (depth - x[:, -1]),
     )
     basin = Wall("tank", tank(corner, size, spacing, layers, dtype=dtype), AdamiExtrapolation(clip=True), no_slip=False)

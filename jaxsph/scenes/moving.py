@@ -98,7 +98,8 @@ def dam_break_gate(
     """Water behind a gate that is pulled up in .1 s; without the elastic plate.
 
     K. Liao, C. Hu, M. Sueyoshi (2015), Appl. Ocean Res. 50, 57: a column of .2 m x .4 m in a tank of .8 m; the gate's
-    displacement is -285.115 t^3 + 72.305 t^2 + .1463 t.
+    displacement is -285.115 t^3 + 72.305 t^2 + .1463 t. It is three layers of particles thick, with a large smoothing
+    length as many as the support radius holds.
 
     Args:
         spacing: [m], a divisor of .2 m.

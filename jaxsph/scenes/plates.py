@@ -9,7 +9,7 @@ from typing import Any
 from jaxsph.effects import WallRepulsion
 from jaxsph.fluid import Fluid
 from jaxsph.geometry import box, tank
-from jaxsph.materials import StVenantKirchhoff
+from jaxsph.materials import MonaghanViscosity, StVenantKirchhoff
 from jaxsph.pytree import replace
 from jaxsph.scene import Scene
 from jaxsph.scenes.moving import dam_break_gate
@@ -64,6 +64,7 @@ def dam_break_plate(
         density=density,
         sound_speed=20 * math.sqrt(GRAVITY * height) if sound_speed is None else sound_speed,
         viscosity=viscosity,
+        viscosity_law=MonaghanViscosity(),
         pressure=lambda x: density * GRAVITY * (height - x[:, 1]),
     )
     walls = tank((0, 0), inside, spacing, layers_of(smoothing), dtype=dtype)
