@@ -29,6 +29,14 @@ def check_at_least(name: str, value, limit: float, unit: str) -> None:
         )
 
 
+def check_kind(name: str, value, kind: type, example: str) -> None:
+    """Raise ValueError unless value is an instance of a kind of law, as the example is; None is let through."""
+    if value is None or isinstance(value, kind):
+        return
+    cure = "call it" if isinstance(value, type) and issubclass(value, kind) else "give one"
+    raise ValueError(f"{name} = {value!r} is not a {kind.__name__}; {cure}, such as {example}")
+
+
 def check_poisson_ratio(value) -> None:
     """Raise ValueError unless all Poisson ratios lie between -1 and 1/2, both excluded."""
     if is_concrete(value) and not np.all((_values(value) > -1) & (_values(value) < 0.5)):

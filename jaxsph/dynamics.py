@@ -15,6 +15,7 @@ from jaxsph.elastic_forces import elastic_acceleration
 from jaxsph.flow import FluidReference, WallReference, forces
 from jaxsph.pytree import is_concrete, one_if_alike, pytree_dataclass, replace
 from jaxsph.rigid_body import RigidBody, RigidReference, rigid_acceleration, rigid_reference
+from jaxsph.scene_checks import check_apart
 from jaxsph.structure import Reference, Structure, reference, topology
 from jaxsph.thin_wall import thin_wall
 
@@ -65,10 +66,13 @@ def topologies(scene, state=None, *, skin=None, capacity_multiplier=surroundings
             `surroundings.SKIN_BETWEEN_SETS` times as much.
         capacity_multiplier: room for more neighbors than there are now.
 
-    Raises ValueError for traced positions, or those that `Structure` and `NeighborSearch.allocate` refuse.
+    Raises ValueError for traced positions, for fluids that start in walls, solids or each other, or for positions that
+    `Structure` and `NeighborSearch.allocate` refuse.
     """
     found: dict[str, Any] = {structure.name: topology(structure) for structure in scene.structures}
     positions: dict[str, Any] = {}
+    if state is None and is_concrete([system.particles.positions for system in scene.systems]):
+        check_apart(scene)
     meeting = [*scene.fluids, *scene.boundaries] if scene.meets else scene.rigid_bodies
     for system in meeting:
         here, fields = system.particles.positions, {} if state is None else state.systems[system.name]

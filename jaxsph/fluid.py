@@ -47,6 +47,8 @@ class Fluid(System):
     def __post_init__(self):
         d, real = self.dimension, self.dtype
         checks.check_name(self.name, "viscosity")
+        checks.check_kind(f"{self.name}.state_equation", self.state_equation, StateEquation, "Cole(7.0)")
+        checks.check_kind(f"{self.name}.viscosity_law", self.viscosity_law, ViscosityLaw, "MonaghanViscosity()")
         for name in ("density", "sound_speed", "viscosity"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, as_real(getattr(self, name), real))

@@ -22,7 +22,7 @@ from jaxsph.walls import Wall
 SMOOTHING_LENGTH = 1.5
 """Smoothing length of the fluids in particle spacings, if none is given."""
 
-SCENE_NUMBERS = ("gravity", "smoothing_length")
+SCENE_PARTS = ("gravity", "smoothing_length", "density", "kernel")
 
 
 @pytree_dataclass
@@ -44,7 +44,8 @@ class Scene:
         ValueError: two systems of one name, different dimensions or precisions, two effects of one kind, an effect
             for which the scene has no system.
 
-    A number in a scene is named by where it stands: "plate.youngs_modulus", "gravity", "PenaltyForce.coefficient".
+    A number in a scene is named by where it stands: "plate.youngs_modulus", "gravity", "PenaltyForce.coefficient",
+    "density.alpha".
     """
 
     systems: tuple
@@ -63,6 +64,9 @@ class Scene:
         check_systems(systems)
         real, d = systems[0].dtype, systems[0].dimension
         gravity = np.zeros(d) if gravity is None else gravity
+        effects = effects if isinstance(effects, (tuple, list)) else (effects,)
+        checks.check_kind("kernel", kernel, Kernel, "WendlandC4()")
+        checks.check_kind("density", density, DensityCalculator, "SummationDensity()")
         checks.check_finite("gravity", gravity, (d,))
         check_effects(effects, systems)
         flows = [system for system in systems if isinstance(system, Fluid)]
@@ -176,6 +180,8 @@ class Scene:
                 if np.issubdtype(real, np.integer):
                     real = scene.dtype
                 value = np.asarray(value, real) if is_concrete(value) else jax.numpy.asarray(value, real)
+            elif old is None and isinstance(value, (np.floating, np.ndarray, jax.Array)):
+                value = as_real(value, scene.dtype)
             scene = _put(scene, path.split("."), value)
         for system in scene.systems:
             if is_concrete(system.particles):
@@ -254,7 +260,7 @@ def _children(item):
     if isinstance(item, Scene):
         named = {system.name: system for system in item.systems}
         named |= {type(effect).__name__: effect for effect in item.effects}
-        return named | {name: getattr(item, name) for name in SCENE_NUMBERS}
+        return named | {name: getattr(item, name) for name in SCENE_PARTS}
     return dict(vars(item)) if hasattr(item, "__dict__") else {}
 
 
@@ -272,7 +278,7 @@ def _put(item, names, value):
         return value
     head, rest = names[0], names[1:]
     if isinstance(item, Scene):
-        if head in SCENE_NUMBERS:
+        if head in SCENE_PARTS:
             return pytree.replace(item, **{head: _put(getattr(item, head), rest, value)})
         systems = tuple(_put(s, rest, value) if s.name == head else s for s in item.systems)
         effects = tuple(_put(e, rest, value) if type(e).__name__ == head else e for e in item.effects)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from jaxsph.effects import (
     AcousticDamper,
     BodyForce,
@@ -16,11 +18,15 @@ from jaxsph.effects import (
     ShepardFilter,
     Shifting,
     TensileControl,
+    WallRepulsion,
 )
 from jaxsph.fluid import Fluid
 from jaxsph.rigid_body import RigidBody
 from jaxsph.structure import Structure
 from jaxsph.walls import Wall, WallContinuity, WallSummation
+
+OVERLAP, AMONG = 0.45, 0.8
+"""Of the smaller spacing: a fluid's particle that is so close to one of something else, or to 2^d of them, is in it."""
 
 
 def check_systems(systems) -> None:
@@ -55,6 +61,10 @@ def check_effects(effects, systems) -> None:
             raise ValueError(
                 f"{type(effect).__name__} acts on a {_names(wanted)}, and the scene has none; leave it out"
             )
+        if isinstance(effect, WallRepulsion):
+            met = (Wall, Structure, RigidBody) if effect.solids else Wall
+            if not any(isinstance(system, met) for system in systems):
+                raise ValueError(f"WallRepulsion acts at a {_names(met)}, and the scene has none; leave it out")
     moving = [type(effect).__name__ for effect in effects if isinstance(effect, Shifting)]
     if len(set(moving)) > 1:
         raise ValueError(f"a scene has at most one effect that moves particles off their paths, not {moving}")
@@ -103,9 +113,48 @@ def check_density(density, systems, effects) -> None:
             raise ValueError(f"AcousticDamper needs the rate of a density that {kind} does not evolve; leave it out")
         if density.evolved != "density_deviation" and getattr(effect, "density_flux", None) is not None:
             raise ValueError(f"{type(effect).__name__} smooths a density that {kind} does not evolve; leave it out")
-    for wall in [system for system in systems if isinstance(system, Wall)]:
-        if density.evolved == "pressure" and isinstance(wall.pressure, (WallContinuity, WallSummation)):
+    flows = [system for system in systems if isinstance(system, Fluid)]
+    for system in systems:
+        model = getattr(system, "pressure", None)
+        if not flows or isinstance(system, Fluid) or not isinstance(model, (WallContinuity, WallSummation)):
+            continue
+        name = f"{type(model).__name__} of {system.name!r}"
+        if density.evolved == "pressure":
             raise ValueError(
-                f"{type(wall.pressure).__name__} of {wall.name!r} takes its pressure from an equation of state, "
-                f"which {kind} does not have; take AdamiExtrapolation()"
+                f"{name} takes its pressure from an equation of state, which {kind} does not have; take "
+                "AdamiExtrapolation()"
             )
+        if isinstance(model, WallContinuity) and density.evolved != "density_deviation":
+            raise ValueError(
+                f"{name} follows the density's rate, which {kind} does not calculate; take WallSummation() or "
+                "AdamiExtrapolation()"
+            )
+        if len(flows) > 1:
+            raise ValueError(
+                f"{name} has the rest density and sound speed of one fluid, and the scene has {len(flows)}; take "
+                "AdamiExtrapolation()"
+            )
+
+
+def check_apart(scene) -> None:
+    """That no fluid starts within a wall, a solid or another fluid. Of known positions; periods are not counted."""
+    from scipy.spatial import KDTree
+
+    for number, fluid in enumerate(scene.fluids):
+        here = np.asarray(fluid.particles.positions)
+        for other in (*scene.fluids[number + 1 :], *scene.boundaries):
+            spacing, several = min(fluid.particles.spacing, other.particles.spacing), 2**scene.dimension
+            there = np.asarray(other.particles.positions)
+            low, high = here.min(axis=0) - spacing, here.max(axis=0) + spacing
+            around = np.all((there >= low) & (there <= high), axis=1)
+            if not around.any():
+                continue
+            distance, _ = KDTree(there[around]).query(here, k=several, distance_upper_bound=AMONG * spacing)
+            inside = np.flatnonzero((distance[:, 0] < OVERLAP * spacing) | np.isfinite(distance[:, -1]))
+            if len(inside):
+                place = ", ".join(f"{x:.6g}" for x in here[inside[0]])
+                raise ValueError(
+                    f"{len(inside)} particles of {fluid.name!r} start in {other.name!r}, the first at ({place}) m, "
+                    f"{distance[inside[0], 0]:.3g} m from one of its particles (limit {OVERLAP * spacing:.3g} m, from "
+                    f"{several} of them {AMONG * spacing:.3g} m); move it, make it smaller, or cut it out"
+                )

@@ -18,6 +18,7 @@ from jaxsph.structure import Reference
 
 POWER_ITERATIONS = 60
 SOUND_LIMIT, VISCOUS_LIMIT, SOUND_RINGS = 0.8, 0.25, 1.1  # of h / c, of h^2 / nu; the h / c at which sound is unstable
+INTERFACE_LIMIT = 2.5  # times the step of sound in a fluid that is as light as the one and as stiff as the other
 SAFETY = 0.9  # of the stable step: the power iteration comes from below, and stretched bodies get stiffer
 
 
@@ -43,10 +44,24 @@ def largest_stable_time_step(
         return limit if scene.effect(Contact) is None else 1 / jnp.sqrt(1 / limit**2 + 1 / touching**2)
     for fluid in scene.fluids:
         limit = jnp.minimum(limit, fluid_time_step(scene, fluid))
+        for other in scene.fluids:
+            if other is not fluid:
+                limit = jnp.minimum(limit, interface_time_step(scene, fluid, other))
         for solid in scene.solids:
             if solid.thickness is not None:
                 limit = jnp.minimum(limit, plate_time_step(scene, fluid, solid))
     return jnp.minimum(limit, touching)
+
+
+def interface_time_step(scene, fluid, other):
+    """Largest stable time step [s] of a fluid beside another, which may be stiffer than it is heavy.
+
+    Particles of the one are pushed by the other's pressure, rho_b c_b^2 times its compression: they swing as if sound
+    had the speed c = c_b sqrt(rho_b / rho_a) in them. Light fluid on water of 10, 33, 100 and 1000 times its density
+    was stable up to 3 to 4 times SOUND_LIMIT h / c, and blew up at 5.
+    """
+    speed = other.sound_speed * jnp.sqrt(other.density / fluid.density)
+    return INTERFACE_LIMIT * SOUND_LIMIT * scene.smoothing_length / speed
 
 
 def plate_time_step(scene, fluid, structure):

@@ -329,12 +329,14 @@ def test_shepard_filter_acts_in_plain_runs_when_it_does_in_traced_ones():
     assert np.max(np.abs(smooth - rough)) > 1e-3 * np.max(np.abs(rough)), "the filter did not act"
 
 
-def test_repulsion_of_walls_is_between_fluid_and_walls_only_and_ends_at_one_spacing():
-    """-V_a V_w rho_a c^2 max(W / W(dx) - 1, 0)^2 grad W beside what there is without it.
+@pytest.mark.parametrize("spacings", [1.0, 0.98])
+def test_repulsion_of_walls_is_between_fluid_and_walls_only_and_ends_at_its_distance(spacings):
+    """-V_a V_w rho_a c^2 max(W / W(s dx) - 1, 0)^2 grad W beside what there is without it.
 
     At a wall without pressure, whose density is then that of rest.
     """
-    plain, repelled = (column(effects=e, pressure=sph.PressureZeroing()) for e in ([], [sph.WallRepulsion(0.5)]))
+    repulsion = sph.WallRepulsion(0.5, distance=spacings)
+    plain, repelled = (column(effects=e, pressure=sph.PressureZeroing()) for e in ([], [repulsion]))
     state = stirred(plain)
     accelerations = [sums(s, sph.topologies(s), state.systems)["water"]["acceleration"] for s in (plain, repelled)]
     x, walls = np.asarray(state.systems["water"]["position"]), np.asarray(plain["tank"].particles.positions)
@@ -342,10 +344,12 @@ def test_repulsion_of_walls_is_between_fluid_and_walls_only_and_ends_at_one_spac
     across = AllPairs(x, walls, h)
     rho = 1000 + np.asarray(state.systems["water"]["density_deviation"])
     mass = float(plain["water"].mass())
-    at_spacing = float(plain.kernel.w(jnp.array([0.05, 0.0]), h))
-    crowded = np.maximum(across.w / at_spacing - 1, 0)
+    at_its_distance = float(plain.kernel.w(jnp.array([0.05 * spacings, 0.0]), h))
+    crowded = np.maximum(across.w / at_its_distance - 1, 0)
     distance = np.linalg.norm(x[:, None] - walls, axis=2)
-    assert 5 < np.sum(crowded > 0) == np.sum(distance < 0.05), "some are closer than a spacing"
+    assert 1 < np.sum(crowded > 0) == np.sum(distance < 0.05 * spacings), "some are closer"
+    with pytest.raises(ValueError, match=r"distance = 1\.2 must be above 0 and at most 1 particle spacing"):
+        sph.WallRepulsion(distance=1.2)
     pressure = 0.5 * rho[:, None] * 20.0**2 * crowded**2
     force = -np.sum((mass / rho[:, None] * 0.05**2 * pressure)[..., None] * across.gradient, axis=1)
     # the difference of two accelerations of 1e2 m/s^2

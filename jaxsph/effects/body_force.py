@@ -18,6 +18,13 @@ class BodyForce(FlowEffect):
 
     function: Callable = static()
 
+    def __post_init__(self):
+        if not callable(self.function):
+            raise ValueError(
+                f"BodyForce is given {self.function!r}; it takes a function of positions and time. An acceleration "
+                "that is the same everywhere is the scene's gravity="
+            )
+
     def acceleration(self, positions, time):
         """[m/s^2]."""
         return self.function(positions, time)

@@ -94,8 +94,7 @@ def summed_deviations(scene, references, columns, placed, lists, *, forward_mode
         out[fluid.name] = total - fluid.density
     for wall in scene.boundaries:
         if isinstance(wall.pressure, WallSummation):
-            # One fluid gives the wall its rest density; more than one would leave it undefined.
-            fluid = scene.fluids[0]
+            fluid = scene.fluids[0]  # the only one: it gives the wall its rest density
             own = wall_at_rest(fluid, wall, references, placed)
             total = own["mass"] * at_zero + over_pairs(
                 scene, fluid, lambda a, b, pair: b["mass"] * pair.value, own, own, lists[f"{wall.name}-{wall.name}"]

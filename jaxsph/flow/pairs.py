@@ -30,6 +30,8 @@ class Pair(NamedTuple):
     smoothing_length: Any
     sound_speed: Any
     """c [m/s]; between two fluids the mean of theirs, so that what a gets from b is what b gets from a."""
+    value_at: Any = None
+    """W as a function of a distance in particle spacings."""
 
 
 @pytree_dataclass
@@ -86,7 +88,11 @@ def over_pairs(
     thin: of the boundary among the two, which is thinner than the support radius.
     """
     kernel, h = scene.kernel, scene.smoothing_length
-    at_spacing = kernel.w(jnp.zeros(scene.dimension, scene.dtype).at[0].set(scene.spacing), h)
+
+    def value_at(spacings):
+        return kernel.w(jnp.zeros(scene.dimension, scene.dtype).at[0].set(spacings * scene.spacing), h)
+
+    at_spacing = value_at(1.0)
     (varying_a, uniform_a), (varying_b, uniform_b) = _split(receivers), _split(senders)
     if receivers is senders:
         varying_b = varying_a
@@ -99,7 +105,7 @@ def over_pairs(
         if thin is not None:
             slope = slope + thin.slope(squared, h)
         speed = 0.5 * (a.get("sound_speed", fluid.sound_speed) + b.get("sound_speed", fluid.sound_speed))
-        pair = Pair(offset, squared, slope, slope * offset, value, at_spacing, h, speed)
+        pair = Pair(offset, squared, slope, slope * offset, value, at_spacing, h, speed, value_at)
         return of_pair(a, b, pair)
 
     return pair_sum(physics, varying_a, varying_b, neighbors, symmetry=symmetry, forward_mode=forward_mode)

@@ -84,8 +84,17 @@ def check_spacing(spacing: float) -> None:
         raise ValueError(f"particle spacing is {spacing!r}; it must be a positive finite length in meters")
 
 
-def _floating(dtype):
-    return jnp.zeros((), dtype).dtype if dtype is not None else jax.dtypes.canonicalize_dtype(np.float64)
+def floating(dtype):
+    """The type of positions: that asked for, or jax's default. Raises ValueError for float64 that is not enabled."""
+    if dtype is None:
+        return jax.dtypes.canonicalize_dtype(np.float64)
+    asked = np.dtype(dtype)
+    if jax.dtypes.canonicalize_dtype(asked) != asked:
+        raise ValueError(
+            f"dtype is {asked.name}, which jax has not enabled: set JAX_ENABLE_X64=1, or call "
+            'jax.config.update("jax_enable_x64", True) first'
+        )
+    return asked
 
 
 def box(corner, size, spacing: float, *, on_surface: bool = False, dtype=None) -> Particles:
@@ -126,7 +135,7 @@ def box(corner, size, spacing: float, *, on_surface: bool = False, dtype=None) -
         weights.append(weight)
     positions = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
     volumes = np.prod(np.stack(np.meshgrid(*weights, indexing="ij"), axis=-1), axis=-1).ravel()
-    real = _floating(dtype)
+    real = floating(dtype)
     return Particles(positions.astype(real), volumes.astype(real), float(spacing), on_surface)
 
 
@@ -146,7 +155,7 @@ def ball(center, radius: float, spacing: float, *, dtype=None) -> Particles:
     lattice = np.stack(np.meshgrid(*[steps] * len(center), indexing="ij"), axis=-1).reshape(-1, len(center))
     inside = lattice[np.linalg.norm(lattice, axis=1) <= radius * (1 + 1e-9)]
     volume = math.pi * radius**2 if len(center) == 2 else 4 / 3 * math.pi * radius**3
-    real = _floating(dtype)
+    real = floating(dtype)
     volumes = np.full(len(inside), volume / len(inside))
     return Particles((center + inside).astype(real), volumes.astype(real), float(spacing))
 

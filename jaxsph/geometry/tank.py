@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxsph.geometry.shapes import Particles, box, check_spacing
+from jaxsph.geometry.shapes import Particles, box, check_spacing, floating
 
 
 def tank(corner, size, spacing: float, layers: int = 3, *, sides: Sequence[str] | None = None, dtype=None) -> Particles:
@@ -38,7 +38,7 @@ def tank(corner, size, spacing: float, layers: int = 3, *, sides: Sequence[str] 
     for name in sides:
         if name not in known:
             raise ValueError(f"side {name!r} is not known; a tank in {d}D has {', '.join(known)}")
-    inside = box(corner, size, spacing)  # checks the sizes
+    box(corner, size, spacing)  # checks the sizes
     cells = np.array([round(length / spacing) for length in size])
     step = size / cells
     before = [layers if pair[0] in sides else 0 for pair in names]
@@ -46,7 +46,7 @@ def tank(corner, size, spacing: float, layers: int = 3, *, sides: Sequence[str] 
     axes = [np.arange(-b, n + a) for b, n, a in zip(before, cells, after, strict=True)]
     index = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, d)
     wall = index[np.any((index < 0) | (index >= cells), axis=1)]
-    real = inside.positions.dtype if dtype is None else np.dtype(dtype)
+    real = floating(dtype)
     positions = (corner + (wall + 0.5) * step).astype(real)
     return Particles(positions, np.full(len(wall), math.prod(step)).astype(real), float(spacing))
 

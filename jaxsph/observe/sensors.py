@@ -62,12 +62,16 @@ def wall_pressure(
         raise ValueError(f"points has shape {points.shape}; it must be (P, {scene.dimension})")
     if width is not None and is_concrete(width) and not width > 0:
         raise ValueError(f"width = {width} of a sensor must be positive [m]; leave it out for a point")
+    if not scene.fluids:
+        raise ValueError("the scene has no fluid whose pressure a sensor could feel")
     start = jnp.asarray(wall.particles.positions).T
     _check_near(scene, wall, start, points)
     place, _, acceleration = wall.placed(points.T, state.time)
     here = wall.placed(start, state.time)[0]
     away = over_points(lambda p: _away(scene, here, p), place.T, wall.n_particles)
     normal = away if normal is None else jnp.broadcast_to(jnp.asarray(normal, scene.dtype), points.shape)
+    if is_concrete(normal) and not np.all(np.linalg.norm(np.asarray(normal), axis=1) > 0):
+        raise ValueError("a normal of a sensor is zero; it has to point out of the wall, into the fluid")
     _check_sides(points, normal, away)
     normal = normal / jnp.linalg.norm(normal, axis=1, keepdims=True)
     radius = 0.0 if width is None else 0.5 * width

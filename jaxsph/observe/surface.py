@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxsph.observe.fields import coverage, volumes
+from jaxsph.pytree import is_concrete
 
 CANDIDATES = 128
 """Foremost particles that may be the front, or spray."""
@@ -17,9 +18,8 @@ def surge_front(scene, state, name: str, axis: int = 0, *, backward: bool = Fals
     """Furthest coordinate [m] that the bulk of a fluid reaches along an axis: its foremost particle and half a spacing.
 
     Spray does not count: particles around which the sum of V W over the others is less than a share `spray` of what
-    it is in the bulk. One particle alone has 0, one at the end of a row of particles .14 to .2, in a corner
-    .4 to .45, by smoothing length. Only the
-    128 foremost are looked at; if all of them are spray, the one that is least so counts.
+    it is in the bulk. One particle alone has 0, one at the end of a row of particles .14 to .2, in a corner .4 to .45,
+    by smoothing length. Only the 128 foremost are looked at; if all of them are spray, the one that is least so counts.
 
     Args:
         scene, state: one state.
@@ -32,8 +32,13 @@ def surge_front(scene, state, name: str, axis: int = 0, *, backward: bool = Fals
 
     Raises:
         KeyError: no system of this name.
-        ValueError: it is not a fluid.
+        ValueError: it is not a fluid; no such axis; a share that is not below one; a blur that is not positive.
     """
+    _check_axis("axis", axis, scene.dimension)
+    if is_concrete(spray) and not 0 <= spray < 1:
+        raise ValueError(f"spray = {spray} must be a share of what is in the bulk, at least 0 and below 1")
+    if blur is not None and is_concrete(blur) and not blur > 0:
+        raise ValueError(f"blur = {blur} must be a positive length [m]; None takes the exact maximum")
     volume = volumes(scene, state, name)
     position = state.systems[name]["position"]
     ahead = -position[:, axis] if backward else position[:, axis]
@@ -73,9 +78,10 @@ def free_surface_height(scene, state, name: str, at, *, up: int = -1, bottom=0.0
 
     Raises:
         KeyError: no system of this name.
-        ValueError: it is not a fluid; places or sides of another shape.
+        ValueError: it is not a fluid; no such axis; places or sides of another shape.
     """
     d = scene.dimension
+    _check_axis("up", up, d)
     horizontal = [axis for axis in range(d) if axis != up % d]
     at = jnp.asarray(at, scene.dtype)
     at = at[:, None] if d == 2 and at.ndim == 1 else at
@@ -100,6 +106,11 @@ def free_surface_height(scene, state, name: str, at, *, up: int = -1, bottom=0.0
         )
 
     return bottom + jax.vmap(depth)(at)
+
+
+def _check_axis(name: str, axis: int, dimension: int) -> None:
+    if not -dimension <= axis < dimension:
+        raise ValueError(f"{name} = {axis} is not an axis of a scene in {dimension}D, which has 0 to {dimension - 1}")
 
 
 def _images(scene, axis, place, x, sides):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from jaxsph.checks import check_positive
 from jaxsph.effects import DensityDiffusion, ParticleShifting
 from jaxsph.fluid import Fluid
 from jaxsph.geometry import box, tank
@@ -35,8 +36,9 @@ def lid_driven_cavity(
         effects: None takes `DensityDiffusion(0.1)` and `ParticleShifting(1.0)`.
         dtype: float32 or float64; None takes jax's default.
 
-    Raises ValueError for less than 8 particles along an edge.
+    Raises ValueError for less than 8 particles along an edge, or a Reynolds number that is not positive.
     """
+    check_positive("reynolds", reynolds, "no unit")
     if particles < 8:
         raise ValueError(f"{particles} particles along an edge; at least 8 are needed")
     spacing = 1.0 / particles

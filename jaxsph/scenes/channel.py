@@ -78,7 +78,7 @@ def _channel(particles, height, density, viscosity, top_speed, sound_speed, effe
         "water",
         box((0, 0), (length, height), spacing, dtype=dtype),
         density=density,
-        sound_speed=10 * top_speed if sound_speed is None else sound_speed,
+        sound_speed=10 * abs(top_speed) if sound_speed is None else sound_speed,
         viscosity=viscosity,
     )
     margin = (layers + 2) * spacing

@@ -13,7 +13,7 @@ from jaxsph.fluid import Fluid
 from jaxsph.geometry import box, tank
 from jaxsph.materials import StVenantKirchhoff
 from jaxsph.scene import Scene
-from jaxsph.scenes.plate_parts import USUAL, friction_of, plate_scene, rooted_plate, without
+from jaxsph.scenes.plate_parts import USUAL, friction_of, plate_scene, rooted_plate, spacing_across, without
 from jaxsph.scenes.tank_flow import GRAVITY, layers_of
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, Wall
@@ -72,7 +72,7 @@ def elastic_gate(
     )
     # The gate hangs from y = length, with held rows above; upside down it is a rooted plate.
     # Its face is where the cells of its outermost particles end.
-    body, _ = rooted_plate(width + 0.5 * thickness / (across - 1), thickness, length, across, dtype)
+    body, _ = rooted_plate(width + 0.5 * spacing_across(thickness, across), thickness, length, across, dtype)
     upright = body.positions * np.array([1.0, -1.0]) + np.array([0.0, length])
     body = dataclasses.replace(body, positions=upright.astype(body.positions.dtype))
     gate = Structure(

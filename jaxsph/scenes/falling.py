@@ -16,6 +16,7 @@ from jaxsph.materials import MonaghanViscosity, NeoHookean, StVenantKirchhoff
 from jaxsph.neighbors import Domain
 from jaxsph.rigid_body import RigidBody
 from jaxsph.scene import Scene
+from jaxsph.scenes.plate_parts import spacing_across
 from jaxsph.scenes.tank_flow import GRAVITY, layers_of
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, BernoulliExtrapolation, Wall
@@ -125,6 +126,8 @@ def _into_water(solids, spacing, depth, inside, dimension, effects, smoothing, d
     if inside is None:
         inside = (2.0, 2.0) if dimension == 2 else (1.0, 1.0, 1.6)
     layers = math.ceil(2 * smoothing)
+    if not solids:
+        raise ValueError("spheres is empty; falling bodies need at least one, still_water is without")
     corner, size = np.zeros(dimension), np.asarray(inside, float)
     fall = max(float(np.min(solid.particles.positions[:, -1])) for solid in solids) - 0.5 * spacing - depth
     sound_speed = (
@@ -186,7 +189,7 @@ def falling_column_on_beam(
         law: elastic law; None takes `StVenantKirchhoff()`.
         dtype: float32 or float64; None takes jax's default.
     """
-    spacing, fine = width / particles, thickness / (across - 1)
+    spacing, fine = width / particles, spacing_across(thickness, across)
     layers = layers_of(smoothing)
     root = layers * spacing
     strip = clamped_strip(length, thickness, across, math.ceil(root / fine), dtype)

@@ -130,14 +130,14 @@ def rotating_square(
         "water",
         box((-side / 2, -side / 2), (side, side), spacing, dtype=dtype),
         density=density,
-        sound_speed=14 * frequency * side if sound_speed is None else sound_speed,
+        sound_speed=14 * abs(frequency) * side if sound_speed is None else sound_speed,
         velocity=lambda x: frequency * np.stack([x[:, 1], -x[:, 0]], axis=1),
         pressure=lambda x: density * frequency**2 * patch_pressure(x / side + 0.5) * side**2,
     )
     reach = 4 * side
     return Scene(
         water,
-        effects=_holding_together(frequency * side) if effects is None else effects,
+        effects=_holding_together(abs(frequency) * side) if effects is None else effects,
         smoothing_length=smoothing * spacing,
         domain=Domain((-reach, -reach), (reach, reach)),
     )

@@ -136,8 +136,9 @@ class _Push:
         self.speed, self.start = speed, start
 
     def __call__(self, time, positions):
-        # The integral of speed tanh(t / start).
-        way = self.speed * self.start * jnp.log(jnp.cosh(time / self.start))
+        # The integral of speed tanh(t / start), as the logarithm of cosh without its overflow.
+        share = time / self.start
+        way = self.speed * self.start * (jnp.logaddexp(share, -share) - math.log(2))
         return jnp.zeros_like(positions).at[:, 0].set(way)
 
     def __eq__(self, other):
@@ -163,12 +164,16 @@ def moving_wall(
     Args:
         particles: over the depth.
         depth, length: of the water [m].
-        speed: of the wall, reached within depth / speed / 5 [m/s].
+        speed: of the wall, reached within depth / |speed| / 5 [m/s]; below zero it is drawn away.
         sound_speed: [m/s]; None takes 10 sqrt(2 g depth).
         effects: None takes those of `column_in_tank`.
         smoothing: smoothing length in spacings.
         dtype: float32 or float64; None takes jax's default.
+
+    Raises ValueError for a wall that stands still.
     """
+    if not (math.isfinite(speed) and speed):
+        raise ValueError(f"speed = {speed} of the wall must be a number other than zero [m/s]")
     spacing, layers = depth / particles, layers_of(smoothing)
     cells, height = round(length / spacing), round(2.5 * particles) * spacing
     wall = Wall(
@@ -176,7 +181,7 @@ def moving_wall(
         box((-layers * spacing, 0.0), (layers * spacing, height), spacing, dtype=dtype),
         AdamiExtrapolation(clip=True),
         no_slip=False,
-        motion=_Push(speed, 0.2 * depth / speed),
+        motion=_Push(speed, 0.2 * depth / abs(speed)),
     )
     scene = column_in_tank(
         (cells * spacing, depth),

@@ -13,7 +13,7 @@ from jaxsph.materials import MonaghanViscosity, StVenantKirchhoff
 from jaxsph.pytree import replace
 from jaxsph.scene import Scene
 from jaxsph.scenes.moving import dam_break_gate
-from jaxsph.scenes.plate_parts import USUAL, friction_of, plate_scene, rooted_plate, without
+from jaxsph.scenes.plate_parts import USUAL, friction_of, plate_scene, rooted_plate, spacing_across, without
 from jaxsph.scenes.tank_flow import GRAVITY, layers_of
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, Wall
@@ -123,7 +123,7 @@ def water_column_on_plate(
             `KelvinVoigt` friction of a tenth of the spacing over the speed of p-waves in the plate.
         dtype: float32 or float64; None takes jax's default.
     """
-    spacing = thickness / (across - 1)
+    spacing = spacing_across(thickness, across)
     rows, layers = round(height / spacing), math.ceil(2 * smoothing)
     height, low = rows * spacing, 0.5 * spacing
     water = Fluid(

@@ -16,7 +16,12 @@ HALF, DOUBLE = np.float32, np.float64
 FAR = 1e9  # the open top
 USUAL = [jaxsph.DeltaDiffusion(0.1), jaxsph.ArtificialViscosity(0.02)]  # the default of these scenes
 REPELLED = ", WallRepulsion"
-KINDS = {"": USUAL, REPELLED: [*USUAL, jaxsph.WallRepulsion()]}
+NEAR = ", WallRepulsion from .6"
+KINDS = {
+    "": USUAL,
+    REPELLED: [*USUAL, jaxsph.WallRepulsion()],
+    NEAR: [*USUAL, jaxsph.WallRepulsion(8.0, distance=0.6)],
+}
 TANK = (1.0, 0.4)  # length of the shaken tank, depth of its water [m]
 
 

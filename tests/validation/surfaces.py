@@ -231,6 +231,7 @@ def wall_pressure(quick: bool) -> Iterator[list[Row]]:
         (40, np.float32, usual, ""),
         (80, np.float32, damped, ", AcousticDamper"),
         (40, np.float32, [*damped, jaxsph.WallRepulsion()], ", AcousticDamper, WallRepulsion"),
+        (40, np.float32, [*damped, jaxsph.WallRepulsion(8.0, distance=0.6)], ", AcousticDamper, WallRepulsion from .6"),
     ]
     for particles, dtype, effects, label in [(20, *runs[0][1:])] if quick else runs:
         scene = jaxsph.scenes.dam_break(particles, height=height, dtype=dtype, effects=effects)
