@@ -6,7 +6,7 @@ from typing import Any
 
 import jax.numpy as jnp
 
-from jaxsph.checks import check_at_least, check_positive
+from jaxsph.checks import check_positive
 from jaxsph.pair_sum import dot
 from jaxsph.pytree import pytree_dataclass
 
@@ -43,7 +43,7 @@ class Contact:
     def __post_init__(self):
         check_positive("Contact.coefficient", self.coefficient, "no unit")
         if self.modulus is not None:
-            check_at_least("Contact.modulus", self.modulus, 0.0, "Pa")
+            check_positive("Contact.modulus", self.modulus, "Pa")
 
     def pair(self, a, b, offset, strength):
         """Force on a [N, in 2D per meter], (d,).

@@ -213,7 +213,8 @@ def falling_column_on_beam(
     basin = Wall("tank", walls.where(~socket), AdamiExtrapolation(clip=True), no_slip=False)
     water = Fluid(
         "water",
-        box((place - 0.5 * width, 0.0), (width, height), spacing, dtype=dtype),
+        # where the cells of the outermost particles of the beam end
+        box((place - 0.5 * width, 0.5 * fine), (width, height), spacing, dtype=dtype),
         density=density,
         sound_speed=10 * math.sqrt(2 * GRAVITY * (drop + height - floor)) if sound_speed is None else sound_speed,
         velocity=(0.0, -math.sqrt(2 * GRAVITY * drop)),
