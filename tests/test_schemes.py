@@ -366,9 +366,11 @@ def beside_a_ball(*effects):
 
 def test_solids_repel_if_they_are_asked_to_and_get_what_they_give():
     """The reaction to round-off, and the derivative by where the water is in both modes."""
-    walls, solids = beside_a_ball(sph.WallRepulsion()), beside_a_ball(sph.WallRepulsion(0.5, solids=True))
+    with pytest.raises(ValueError, match="WallRepulsion acts at a Wall, and the scene has none"):
+        beside_a_ball(sph.WallRepulsion())
+    plain, solids = beside_a_ball(), beside_a_ball(sph.WallRepulsion(0.5, solids=True))
     state, found = stirred(solids), sph.topologies(solids)
-    unasked, asked = (sums(scene, found, state.systems) for scene in (walls, solids))
+    unasked, asked = (sums(scene, found, state.systems) for scene in (plain, solids))
     mass = np.asarray(solids["ball"].density * solids["ball"].particles.volumes)
     on_ball, before = (mass @ np.asarray(out["ball"]["surface_acceleration"]) for out in (asked, unasked))
     on_water = float(solids["water"].mass()) * np.sum(np.asarray(asked["water"]["acceleration"]), axis=0)
