@@ -32,8 +32,8 @@ class Scene:
     Attributes:
         systems: fluids, walls, structures and rigid bodies, each with its own name.
         gravity: (d,) [m/s^2]; None is none.
-        effects: such as `ArtificialViscosity(0.02)` or `PenaltyForce(0.05)`, at most one of a kind (of `BodyForce`
-            any number). What is not listed is not compiled.
+        effects: such as `ArtificialViscosity(0.02)` or `PenaltyForce(0.05)`, one or a list, at most one of a kind (of
+            `BodyForce` any number). What is not listed is not compiled.
         kernel: smoothing kernel of the fluids; structures have their own.
         smoothing_length: h of the fluids [m]; None takes 1.5 spacings.
         density: how fluids get their density.

@@ -10,6 +10,13 @@ from jaxsph.geometry.shapes import Particles, box
 BEHIND = 3  # clamped columns behind the outermost: as many as a support radius reaches, and one
 
 
+def spacing_across(thickness: float, across: int) -> float:
+    """Spacing [m] of so many particles over a thickness, of which each surface has one. Raises ValueError below two."""
+    if across < 2:
+        raise ValueError(f"across = {across} particles over the thickness; both surfaces have one, so at least 2")
+    return thickness / (across - 1)
+
+
 def clamped_strip(length: float, thickness: float, across: int, behind: int = BEHIND, dtype=None) -> Particles:
     """A strip along x with its free end at x = length, to be clamped at the face x = 0, and its middle at y = 0.
 
@@ -30,9 +37,7 @@ def clamped_strip(length: float, thickness: float, across: int, behind: int = BE
     """
     check_positive("length", length, "m")
     check_positive("thickness", thickness, "m")
-    if across < 2:
-        raise ValueError(f"across = {across} particles over the thickness; both surfaces have one, so at least 2")
-    spacing = thickness / (across - 1)
+    spacing = spacing_across(thickness, across)
     columns = math.floor(length / spacing * (1 + 1e-9))
     if columns < 1:
         raise ValueError(f"length = {length} m is shorter than the spacing {spacing:.6g} m; take more particles across")

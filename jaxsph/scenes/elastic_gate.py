@@ -11,9 +11,10 @@ import numpy as np
 
 from jaxsph.fluid import Fluid
 from jaxsph.geometry import box, tank
+from jaxsph.geometry.strip import spacing_across
 from jaxsph.materials import StVenantKirchhoff
 from jaxsph.scene import Scene
-from jaxsph.scenes.plate_parts import USUAL, friction_of, plate_scene, rooted_plate, spacing_across, without
+from jaxsph.scenes.plate_parts import USUAL, friction_of, plate_scene, rooted_plate, without
 from jaxsph.scenes.tank_flow import GRAVITY, layers_of
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, Wall

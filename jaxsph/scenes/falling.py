@@ -12,11 +12,11 @@ import numpy as np
 from jaxsph.effects import ArtificialViscosity, Contact, DeltaDiffusion, PenaltyForce, WallRepulsion
 from jaxsph.fluid import Fluid
 from jaxsph.geometry import ball, box, clamped_strip, tank
+from jaxsph.geometry.strip import spacing_across
 from jaxsph.materials import MonaghanViscosity, NeoHookean, StVenantKirchhoff
 from jaxsph.neighbors import Domain
 from jaxsph.rigid_body import RigidBody
 from jaxsph.scene import Scene
-from jaxsph.scenes.plate_parts import spacing_across
 from jaxsph.scenes.tank_flow import GRAVITY, layers_of
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, BernoulliExtrapolation, Wall
@@ -125,7 +125,7 @@ def falling_rigid_spheres(
 def _into_water(solids, spacing, depth, inside, dimension, effects, smoothing, dtype, water):
     if inside is None:
         inside = (2.0, 2.0) if dimension == 2 else (1.0, 1.0, 1.6)
-    layers = math.ceil(2 * smoothing)
+    layers = layers_of(smoothing, least=1)
     if not solids:
         raise ValueError("spheres is empty; falling bodies need at least one, still_water is without")
     corner, size = np.zeros(dimension), np.asarray(inside, float)

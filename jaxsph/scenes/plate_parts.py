@@ -19,13 +19,6 @@ PENALTY = 1.0
 by 8 % of its spacing, with 1 by .7 %. It bends .7 % less with 5 over the thickness; the stable step stays."""
 
 
-def spacing_across(thickness: float, across: int) -> float:
-    """Spacing [m] of so many particles over a thickness, of which each surface has one. Raises ValueError below two."""
-    if across < 2:
-        raise ValueError(f"across = {across} particles over the thickness; both surfaces have one, so at least 2")
-    return thickness / (across - 1)
-
-
 def rooted_plate(place: float, thickness: float, length: float, across: int, dtype=None) -> tuple[Particles, Any]:
     """An upright plate on the floor y = 0, from x = place, and which of its particles are its root in the floor."""
     strip = clamped_strip(length, thickness, across, dtype=dtype)

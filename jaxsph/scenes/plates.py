@@ -9,11 +9,12 @@ from typing import Any
 from jaxsph.effects import WallRepulsion
 from jaxsph.fluid import Fluid
 from jaxsph.geometry import box, tank
+from jaxsph.geometry.strip import spacing_across
 from jaxsph.materials import MonaghanViscosity, StVenantKirchhoff
 from jaxsph.pytree import replace
 from jaxsph.scene import Scene
 from jaxsph.scenes.moving import dam_break_gate
-from jaxsph.scenes.plate_parts import USUAL, friction_of, plate_scene, rooted_plate, spacing_across, without
+from jaxsph.scenes.plate_parts import USUAL, friction_of, plate_scene, rooted_plate, without
 from jaxsph.scenes.tank_flow import GRAVITY, layers_of
 from jaxsph.structure import Structure
 from jaxsph.walls import AdamiExtrapolation, Wall
@@ -124,7 +125,7 @@ def water_column_on_plate(
         dtype: float32 or float64; None takes jax's default.
     """
     spacing = spacing_across(thickness, across)
-    rows, layers = round(height / spacing), math.ceil(2 * smoothing)
+    rows, layers = round(height / spacing), layers_of(smoothing, least=1)
     height, low = rows * spacing, 0.5 * spacing
     water = Fluid(
         "water",

@@ -19,12 +19,12 @@ GRAVITY = 9.81  # m/s^2
 LAYERS = 4  # of wall particles at least
 
 
-def layers_of(smoothing: float) -> int:
+def layers_of(smoothing: float, least: int = LAYERS) -> int:
     """How many layers of particles a wall has for a smoothing length in spacings: as many as water beside it sees.
 
     With fewer it is pushed back by less, and gets through.
     """
-    return max(LAYERS, math.ceil(2 * smoothing))
+    return max(least, math.ceil(2 * smoothing))
 
 
 def still_water(

@@ -1,7 +1,8 @@
 """F35: the largest stable time step of a fluid over h / c, by running into it.
 
 The number of steps between two saves is the same for every step size, so that a scene is compiled once; neighbor lists
-are built equally often. `simulate` refuses steps beyond its limit, so here the limit is lifted.
+are built equally often. `simulate` refuses steps beyond its limit, so here the limit is lifted. Of two fluids c is the
+speed c_b sqrt(rho_b / rho_a) of sound in a fluid as light as the one and as stiff as the other, over INTERFACE_LIMIT.
 """
 
 from __future__ import annotations
@@ -14,12 +15,42 @@ from any_step import any_step
 from rows import Case, Row, precision
 
 import jaxsph
+from jaxsph.geometry import box, tank
 from jaxsph.pytree import replace
-from jaxsph.stable_step import fluid_time_step
+from jaxsph.stable_step import INTERFACE_LIMIT
+from jaxsph.stable_step import largest_stable as limit_of
 
 FACTORS = (0.1, 0.2, 0.4, 0.6, 0.8, 0.9, 1.0, 1.1, 1.2, 1.4, 1.6)
 STEPS = 16  # between two saves
 GAIN = 0.01  # of the energy that can move: nothing puts any in, and the error of a stable step is below a thousandth
+
+
+def layered(light: float, dtype) -> jaxsph.Scene:
+    """A light fluid at rest on water; both have the same sound speed."""
+    spacing, depth, g = 0.05, 0.2, 9.81
+    water = jaxsph.Fluid(
+        "water",
+        box((0, 0), (0.4, depth), spacing, dtype=dtype),
+        density=1000.0,
+        sound_speed=20.0,
+        pressure=lambda x: g * (light * depth + 1000 * (depth - x[:, 1])),
+    )
+    above = jaxsph.Fluid(
+        "light",
+        box((0, depth), (0.4, depth), spacing, dtype=dtype),
+        density=light,
+        sound_speed=20.0,
+        pressure=lambda x: light * g * (2 * depth - x[:, 1]),
+    )
+    walls = jaxsph.Wall("tank", tank((0, 0), (0.4, 0.5), spacing, 4, dtype=dtype))
+    return jaxsph.Scene(water, above, walls, gravity=(0.0, -g), effects=[jaxsph.DeltaDiffusion(0.1)])
+
+
+def speed_of(scene) -> float:
+    """c, the unit of time is h over it [m/s]."""
+    water = scene["water"]
+    lightest = min(float(fluid.density) for fluid in scene.fluids)
+    return float(water.sound_speed) * max(1.0, np.sqrt(float(water.density) / lightest) / INTERFACE_LIMIT)
 
 
 def scenes(dtype) -> dict:
@@ -30,6 +61,8 @@ def scenes(dtype) -> dict:
     # nothing that could damp an instability
     bare = jaxsph.scenes.oscillating_drop(12, frequency=0.0, rate=1.0, effects=[], dtype=dtype)
     square = jaxsph.scenes.rotating_square(40, dtype=dtype)  # its arms are under tension
+
+    turned = 0.4, 1000 * 9.81 * 0.4 * 0.2 * 0.2  # if both changed places; at any step the interface frees .9 % of it
 
     def damped(alpha):
         return replace(square, effects=(*square.effects, jaxsph.AcousticDamper(alpha)))
@@ -47,16 +80,18 @@ def scenes(dtype) -> dict:
         "rotating square, AcousticDamper(1)": (damped(1.0), 4.0, 1000 / 12, 0.2),
         "dam break, ArtificialViscosity(1)": (rubbed(1.0), *falls, 0.4),
         "dam break, ArtificialViscosity(4)": (rubbed(4.0), *falls, 0.1),
+        "fluid of 1/30 of the density on water": (layered(1000 / 30, dtype), *turned, 0.4),
+        "fluid of 1/100 of the density on water": (layered(10.0, dtype), *turned, 0.4),
     }
 
 
 def gained(scene, t_end: float, size: float, factor: float) -> float:
     """The largest gain of energy over the start, in units of size, with steps of factor h / c; inf if it blew up."""
-    time_step = factor * float(scene.smoothing_length) / float(scene["water"].sound_speed)
+    time_step = factor * float(scene.smoothing_length) / speed_of(scene)
     every = STEPS * time_step
     saves = int(np.ceil(t_end / every))
     # as many steps between builds whatever their size: enough for a tenth of the sound speed at the largest
-    fastest = 0.1 * float(scene["water"].sound_speed) * max(FACTORS) / factor
+    fastest = 0.1 * speed_of(scene) * max(FACTORS) / factor
     measure = jax.jit(jax.vmap(lambda scene, s: jaxsph.observe.energies(scene, s)["total"], (None, 0)))
     try:
         run = jaxsph.simulate(scene, saves * every, every, time_step=time_step * (1 + 1e-6), max_speed=fastest)
@@ -70,8 +105,8 @@ def largest_stable(quick: bool) -> Iterator[list[Row]]:
     """The largest factor up to which no energy is gained, and the limit that `simulate` keeps over it."""
     dtype = np.float64
     for name, (scene, t_end, size, first) in list(scenes(dtype).items())[: 1 if quick else None]:
-        stable, water = 0.0, scene["water"]
-        limit = float(fluid_time_step(scene, water) * water.sound_speed / scene.smoothing_length)
+        stable = 0.0
+        limit = limit_of(scene, jaxsph.topologies(scene)) * speed_of(scene) / float(scene.smoothing_length)
         for factor in (factor for factor in FACTORS if factor >= first):
             with any_step():
                 gain = gained(scene, t_end, size, factor)
