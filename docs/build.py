@@ -4,9 +4,11 @@ A page asks for a table with a pair of markers, and everything between them is r
 
     <!-- results:begin validation -->          every row of docs/results/validation.json
     <!-- results:begin validation S03,S05 -->  the rows whose id starts with S03 or S05
-    <!-- results:begin validation S03 judged -->  of these the rows that have a limit
+    <!-- results:begin validation S03 worst -->  of each case the row nearest its limit, or furthest beyond it, and how
+                                              many of its rows that have a limit keep it
     <!-- results:begin stability H05 -->       rows of docs/results/stability.json, and whether each keeps its limit
     <!-- results:begin benchmark -->           every row of docs/results/benchmark.json
+    <!-- results:begin benchmark dam_break times -->  of these the rows that are ratios
     <!-- results:begin modal -->               every row of docs/results/modal.json
     <!-- results:begin accuracy cavity -->     the runs of a study in docs/results/accuracy.json
     <!-- results:begin accuracy_answers answer.cavity -->  what to take for an error or a time
@@ -117,6 +119,15 @@ TABLES: dict[str, tuple[tuple[tuple[str, str], ...], str]] = {
     ),
 }
 ALL_TABLES = ("validation", "benchmark")  # what a marker without a name asks for
+WORST = (
+    ("case", "case"),
+    ("kept", "within limit"),
+    ("figure", "nearest its limit, or furthest beyond it"),
+    ("value", "value"),
+    ("limit", "limit"),
+    ("resolution", "resolution"),
+    ("precision", "precision"),
+)
 
 
 class BuildError(Exception):
@@ -159,6 +170,24 @@ def kept(row: Mapping[str, Any]) -> str:
     return "yes" if row["value"] <= row["limit"] else "**no**"
 
 
+def worst(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """One row of each case, that with the largest share of its limit, with how many of the case keep theirs."""
+    cases: dict[str, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        if row["limit"] is not None:
+            cases.setdefault(row["case"], []).append(row)
+
+    def share(row):
+        if row["value"] is None:
+            return float("inf")
+        return row["value"] / row["limit"] if row["limit"] else float("inf") * row["value"] if row["value"] else 0.0
+
+    return [
+        dict(max(judged, key=share)) | {"kept": f"{sum(kept(row) == 'yes' for row in judged)} of {len(judged)}"}
+        for judged in cases.values()
+    ]
+
+
 def show(value: Any) -> str:
     """A cell: three significant digits for floats, nothing for null."""
     if value is None:
@@ -182,8 +211,9 @@ def markdown_table(rows: Sequence[Mapping[str, Any]], columns: Sequence[tuple[st
 def tables(ask: str, results: Path = RESULTS) -> str:
     """What stands between the markers for one request: "", "validation", "validation S03,S05", "benchmark"..."""
     name, _, listed = ask.partition(" ")
-    judged = listed.endswith(" judged")
-    listed = listed.removesuffix(" judged")
+    listed, _, kind = listed.partition(" ")
+    if kind not in ("", "worst", "times"):
+        raise BuildError(f"{kind!r} after the ids {listed!r}: it is `worst`, `times`, or nothing")
     parts = []
     for table in [name] if name else ALL_TABLES:
         columns, command = TABLES.get(table, ((), ""))
@@ -193,8 +223,10 @@ def tables(ask: str, results: Path = RESULTS) -> str:
             found = [row for row in everything if str(row["id"]).startswith(prefix.strip()) and row not in rows]
             if not found:
                 raise BuildError(f"{table}.json has no row whose id starts with {prefix.strip()!r}: run `{command}`")
-            rows += [row for row in found if not judged or row["limit"] is not None]
+            rows += [row for row in found if kind != "times" or row["unit"] == "times"]
         machines = sorted({str(row["machine"]) for row in rows})
+        if kind == "worst":
+            rows, columns = worst(rows), WORST
         parts.append(f"{markdown_table(rows, columns)}\nMade by `{command}` on {'; '.join(machines)}.\n")
     return "\n" + "\n".join(parts) + "\n"
 

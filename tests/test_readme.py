@@ -81,9 +81,31 @@ def test_tables_hold_the_rows_asked_for(tmp_path):
     assert re.findall(r"^\| (\w\d\d)", filled, re.MULTILINE) == ["I01", "S02"]
     assert "limit" not in filled and "old" not in filled and f"`{command}` on a machine" in filled
     assert build.fill(filled, tmp_path) == filled
-    rows[0]["limit"] = 1.0
-    (tmp_path / "validation.json").write_text(json.dumps(rows))
-    judged = build.fill(text.replace("I,S02", "S,I judged"), tmp_path)
-    assert re.findall(r"^\| (\w\d\d)", judged, re.MULTILINE) == ["S01"]
     with pytest.raises(build.BuildError, match="no row whose id starts with 'T'"):
         build.fill(text.replace("I,S02", "T"), tmp_path)
+    with pytest.raises(build.BuildError, match="'best' after the ids"):
+        build.fill(text.replace("I,S02", "S best"), tmp_path)
+
+
+def test_worst_row_of_each_case(tmp_path):
+    """A miss outweighs what is near its limit, also where the limit is zero or the value not finite."""
+    columns, _ = build.TABLES["validation"]
+    row = dict.fromkeys([key for key, _ in columns], "x") | {"machine": "a machine"}
+    figures = [("a", 0.5, 1.0), ("a", 3e-5, 1e-5), ("a", 9.0, None), ("b", 0.0, 0.0), ("b", -1.0, 2.0), ("c", 1.0, 0.0)]
+    figures += [("c", 5.0, 1.0), ("d", None, 1.0), ("d", 2.0, 1.0)]
+    rows = [
+        row | {"id": "S", "case": case, "figure": f"f{number}", "value": value, "limit": limit}
+        for number, (case, value, limit) in enumerate(figures)
+    ]
+    (tmp_path / "validation.json").write_text(json.dumps(rows))
+    filled = build.fill("<!-- results:begin validation S worst -->\n<!-- results:end -->\n", tmp_path)
+    lines = re.findall(r"^\| ([abcd]) \| (\d of \d) \| (f\d) ", filled, re.MULTILINE)
+    assert lines == [("a", "1 of 2", "f1"), ("b", "2 of 2", "f3"), ("c", "0 of 2", "f5"), ("d", "0 of 2", "f7")]
+
+
+def test_ratios_of_benchmarks(tmp_path):
+    columns, _ = build.TABLES["benchmark"]
+    row = dict.fromkeys([key for key, _ in columns], "x") | {"machine": "a machine", "id": "dam"}
+    (tmp_path / "benchmark.json").write_text(json.dumps([row, row | {"case": "ratio", "unit": "times"}]))
+    filled = build.fill("<!-- results:begin benchmark dam times -->\n<!-- results:end -->\n", tmp_path)
+    assert filled.count("| ratio |") == 1 and "| x | x |" not in filled.splitlines()[3]
