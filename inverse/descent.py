@@ -101,7 +101,7 @@ def adam(
     objective, z = Objective(model, record), model.problem.start
     lower, upper = model.problem.bounds
     per_window = max(1, max_iterations // len(windows))
-    length, started = np.inf, False
+    undecayed, started = np.inf, False
     for fraction in windows:
         objective.begin_window(fraction)
         if not started:
@@ -123,17 +123,18 @@ def adam(
             size = np.sqrt(second / (1 - 0.999**iteration))
             step = -rate * (first / (1 - 0.9**iteration)) / np.where(size > 0, size, 1.0)
             moved = np.clip(z + step, lower, upper)
-            length = float(np.max(np.abs(moved - z)))
+            # what the step would be at the full rate: the decayed one is small at the end wherever it stands
+            undecayed = float(np.max(np.abs(np.clip(z + step * learning_rate / rate, lower, upper) - z)))
             z = moved
-            if length <= step_tolerance and rate > 0.1 * learning_rate:
-                break  # small by itself, not because the rate has decayed
+            if undecayed <= step_tolerance:
+                break
     assert objective.best is not None
-    converged = length <= step_tolerance
+    converged = undecayed <= step_tolerance
     message = (
-        f"converged: the last step is small ({length:.1e} in internal coordinates)"
+        f"converged: the last step is small ({undecayed:.1e} in internal coordinates)"
         if converged
-        else f"stopped after {model.runs} runs, the last step {length:.1e} internally; give it more "
-        "iterations or another learning rate"
+        else f"stopped after {model.runs} runs, the last step {undecayed:.1e} internally at the full learning rate; "
+        "give it more iterations or another learning rate"
     )
     return objective.best, converged, message
 

@@ -24,6 +24,7 @@ class GradientCheck:
     nothing).
     best_step: (D,) index of the step whose value changes least against its neighbor: the plateau between
     truncation and rounding, found without looking at the other two columns.
+    moved: unknowns that stood nearer to a bound than the largest step, and were moved away from it.
     """
 
     directions: tuple[str, ...]
@@ -33,6 +34,7 @@ class GradientCheck:
     differences: np.ndarray
     best_step: np.ndarray
     simulation_runs: int
+    moved: tuple[str, ...] = ()
 
     @property
     def central(self) -> np.ndarray:
@@ -73,6 +75,8 @@ class GradientCheck:
                 "central differences not taken: in float32 they are rounding noise; enable "
                 "float64 with jax.config.update('jax_enable_x64', True) and build the scene in float64"
             )
+        if self.moved:
+            lines.append(f"moved away from a bound, to have room for the differences: {', '.join(self.moved)}")
         lines.append(f"largest relative difference {self.max_relative_difference:.1e}, {self.simulation_runs} runs")
         return "\n".join(lines)
 
@@ -80,7 +84,7 @@ class GradientCheck:
 
 
 def check(
-    problem: Problem, at: dict[str, Any] | None = None, steps: Sequence[float] = STEPS, seed: int = 0
+    problem: Problem, at: dict[str, Any] | None = None, steps: Sequence[float] | None = None, seed: int = 0
 ) -> GradientCheck:
     """Compare the derivatives of the cost by forward mode, reverse mode and central differences.
 
@@ -88,22 +92,30 @@ def check(
         problem: what will be fitted.
         at: {name: value} where to differentiate; the starting values by default. At a perfect fit the
         gradient is
-            zero, and relative differences have no meaning.
-        steps: of the central differences, in internal coordinates.
+            zero, and relative differences have no meaning. Nearer to a bound than the largest step it is moved.
+        steps: of the central differences, in internal coordinates; None takes those of 1e-2 to 1e-7 that fit four
+            times between the bounds. In float32 none are taken.
         seed: of the random directions that stand for more than 8 unknowns.
 
     Returns:
         GradientCheck; print it, or ask for `.max_relative_difference`.
 
     Raises:
-        ValueError: steps that are not positive, names that are not unknowns, or values outside of their
-        bounds. RunFailed: the simulator fails there.
+        ValueError: steps that are not positive or do not fit between the bounds, names that are not unknowns, or
+        values outside of their bounds. RunFailed: the simulator fails there.
 
     """
-    steps = tuple(float(step) for step in steps)
+    lower, upper = problem.bounds
+    narrowest = float(np.min(upper - lower))
+    steps = tuple(s for s in STEPS if 4 * s <= narrowest) if steps is None else tuple(float(step) for step in steps)
     if not all(step > 0 for step in steps):
         raise ValueError(f"steps={steps} must all be > 0")
-    z = point_of(problem, at or {}, 0.02)
+    room = max(steps, default=0.0)
+    if 2 * room > narrowest:
+        raise ValueError(
+            f"steps={steps}: {room:g} to both sides do not fit between bounds that are {narrowest:.3g} apart internally"
+        )
+    asked, z = point_of(problem, at or {}, 0.0), point_of(problem, at or {}, room)
     model = Model(problem)
     evaluation = model.evaluate(z)
     weights = np.ones(len(model.data))
@@ -128,7 +140,9 @@ def check(
         best = np.argmin(np.abs(np.diff(differences, axis=1)), axis=1) + 1
     else:
         best = np.zeros(len(directions), dtype=int)
-    return GradientCheck(names, steps, directions @ forward, directions @ gradient, differences, best, model.runs)
+    moved = tuple(label for label, before, now in zip(model.labels, asked, z, strict=True) if before != now)
+    both = directions @ forward, directions @ gradient
+    return GradientCheck(names, steps, *both, differences, best, model.runs, moved)
 
 
 def point_of(problem: Problem, at: dict[str, Any], room: float) -> np.ndarray:

@@ -190,10 +190,15 @@ class Fit:
         """Draw data and fit, the residual, and the history of unknowns and cost; the format follows the
         suffix.
         """
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
+        from jaxsph.plot.figure import matplotlib
 
-        figure = Figure(figsize=(8, 9), layout="constrained")
+        path = pathlib.Path(path)
+        if not path.parent.is_dir():
+            raise FileNotFoundError(
+                f"directory {path.parent} of the picture {path.name} does not exist; create it first"
+            )
+        FigureCanvasAgg = matplotlib("backends.backend_agg").FigureCanvasAgg
+        figure = matplotlib("figure").Figure(figsize=(8, 9), layout="constrained")
         FigureCanvasAgg(figure)
         top, middle, bottom = figure.subplots(3, 1, height_ratios=(2, 1, 1.4))
         shape = (len(self.times), -1)

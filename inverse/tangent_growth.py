@@ -126,10 +126,15 @@ class TangentGrowth:
 
     def plot(self, path: Any) -> pathlib.Path:
         """Draw the growth of the tangents, and of the differences, over time; the format follows the suffix."""
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
+        from jaxsph.plot.figure import matplotlib
 
-        figure = Figure(figsize=(7, 4), layout="constrained")
+        path = pathlib.Path(path)
+        if not path.parent.is_dir():
+            raise FileNotFoundError(
+                f"directory {path.parent} of the picture {path.name} does not exist; create it first"
+            )
+        FigureCanvasAgg = matplotlib("backends.backend_agg").FigureCanvasAgg
+        figure = matplotlib("figure").Figure(figsize=(7, 4), layout="constrained")
         FigureCanvasAgg(figure)
         axes = figure.subplots()
         for i, label in enumerate(self.labels):

@@ -2,7 +2,8 @@
 
 With J the Jacobian of the normalized residuals in internal coordinates z at the optimum, cov(z) =
 s^2 (J^T J)^-1, carried to the values by the delta method; s^2 = chi^2 / (data - unknowns) is the reduced
-chi-square.
+chi-square. Where no noise is stated and several columns are observed, each has an s of its own:
+(J^T J)^-1 (sum_c s_c^2 J_c^T J_c) (J^T J)^-1, which holds whatever their noise (H. White 1980, doi:10.2307/1912934).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from inverse.model import Evaluation, Model
 CONFIDENCE = 0.99  # of the interval in which a reduced chi-square is consistent with 1
 LAG_ONE_LIMIT = 0.3  # lag-one autocorrelation of the residual from which it counts as systematic ...
 LAG_ONE_SIGMAS = 3.0  # ... if it is also that many of its own standard deviations (1 / sqrt(T)) from zero
+UNLIKE = 3.0  # ratio of the residuals of two columns from which it is said that they do not weigh alike
 NEGLIGIBLE = 0.01  # misfits below this fraction of ACCURACY are as good as none
 
 
@@ -74,6 +76,7 @@ def estimate(model: Model, evaluation: Evaluation) -> Uncertainty:
     # nothing held it, and the others' errors are then those at that bound only.
     whole, condition, collinear = unit_covariance(evaluation.jacobian, np.full(len(z), True))
     unit_error = np.sqrt(np.diag(unit))
+    by_column = np.sqrt(np.mean(residual.reshape(-1, model.width) ** 2, axis=0))
     slopes = problem.slopes(z)
     messages = [
         f"{label} is at its {side} bound {value:g}: the bound was met, not the data; widen it if you can"
@@ -103,7 +106,11 @@ def estimate(model: Model, evaluation: Evaluation) -> Uncertainty:
                 f"{variance:.3g}): the standard deviations look too large"
             )
     scale = np.sqrt(variance)
-    scaled = scale * unit_error * slopes
+    internal = variance * unit
+    if not given and model.width > 1 and degrees > 0:
+        internal = _of_unlike_columns(evaluation.jacobian, unit, free, by_column**2 * len(residual) / degrees)
+    error = np.sqrt(np.diag(internal))
+    scaled = error * slopes
 
     lag_one, durbin_watson, fraction = _autocorrelation(residual.reshape(-1, model.width))
     corrected = scaled / np.sqrt(fraction)
@@ -120,14 +127,27 @@ def estimate(model: Model, evaluation: Evaluation) -> Uncertainty:
             "independent, see the corrected one"
         )
 
-    assumed = np.fmax(scale, floor)
+    if not given and model.width > 1 and visible and by_column.max() > UNLIKE * by_column.min():
+        sizes = ", ".join(
+            f"{size:.2g} of {name}"
+            for size, name in zip(by_column * model.deviation[0], problem.data.columns, strict=True)
+        )
+        messages.append(
+            f"without stated noise all columns weigh alike, and those with small residuals hardly count (rms {sizes}); "
+            "give noise= of each"
+        )
+
+    # noise of at least ACCURACY of its own amplitude in every column
+    size = np.tile(ACCURACY * np.ravel(problem.data.amplitude), len(problem.data)) / model.deviation
+    weighed = evaluation.jacobian / np.fmax(scale, np.fmax(size, np.finfo(float).tiny))[:, None]
+    assumed, _, _ = unit_covariance(weighed, np.full(len(z), True))
     with np.errstate(divide="ignore"):
-        alone = assumed / np.linalg.norm(evaluation.jacobian, axis=0)
+        alone = 1 / np.linalg.norm(weighed, axis=0)
     relative = {
         name: problem.relative_errors(z, error)
         for name, error in {
-            "scaled": scale * unit_error,
-            "verdict": assumed * np.sqrt(np.diag(whole)),
+            "scaled": error,
+            "verdict": np.sqrt(np.diag(assumed)),
             "alone": alone,
         }.items()
     }
@@ -135,7 +155,7 @@ def estimate(model: Model, evaluation: Evaluation) -> Uncertainty:
     judgement, reasons = verdict(
         model.labels, relative["verdict"], relative["alone"], collinear, condition, _correlation(whole)
     )
-    covariance = scale**2 * unit * np.outer(slopes, slopes)
+    covariance = internal * np.outer(slopes, slopes)
     return Uncertainty(
         labels=tuple(model.labels),
         at_bound=at_bound,
@@ -158,6 +178,16 @@ def estimate(model: Model, evaluation: Evaluation) -> Uncertainty:
         effective_samples=fraction * len(residual),
         messages=tuple(reasons + messages),
     )
+
+
+def _of_unlike_columns(jacobian: np.ndarray, unit: np.ndarray, free: np.ndarray, variances: np.ndarray) -> np.ndarray:
+    """Covariance of the unknowns, NaN for those that are not free, if every column (m,) has its own variance."""
+    used = free & np.isfinite(np.diag(unit))  # not those without any influence
+    inverse, rows = unit[np.ix_(used, used)], np.tile(variances, len(jacobian) // len(variances))
+    found = unit.copy()
+    spread = (jacobian[:, used] * rows[:, None]).T @ jacobian[:, used]
+    found[np.ix_(used, used)] = inverse @ spread @ inverse
+    return found
 
 
 def _correlation(covariance: np.ndarray) -> np.ndarray:

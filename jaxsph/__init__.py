@@ -34,7 +34,7 @@ from jaxsph.errors import (  # noqa: E402
     UnstableTimeStep,
 )
 from jaxsph.fluid import Fluid  # noqa: E402
-from jaxsph.geometry import Particles, ball, box, clamped_strip, jitter  # noqa: E402
+from jaxsph.geometry import Particles, ball, box, clamped_strip, jitter, polygon, tank  # noqa: E402
 from jaxsph.integrate import KickDriftKick  # noqa: E402
 from jaxsph.kernels import (  # noqa: E402
     CubicSpline,
@@ -144,10 +144,12 @@ __all__ = [
     "observe",
     "pair_edges",
     "pair_sum",
+    "polygon",
     "relax",
     "scenes",
     "simulate",
     "stable_substeps",
     "stable_time_step",
+    "tank",
     "topologies",
 ]

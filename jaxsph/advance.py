@@ -126,7 +126,7 @@ def advance(
 
     def note(health, columns, lists, number):
         placed = place_boundaries(scene, references, columns, time_of(number))
-        return surroundings.note(health, lists, positions_of(scene, columns, placed), state.step + number)
+        return surroundings.note(scene, health, lists, positions_of(scene, columns, placed), state.step + number)
 
     def between_builds(carry, build):
         columns, health = carry
@@ -163,7 +163,7 @@ def advance(
         positions = positions_of(scene, columns, placed)
         steps = {name: dt * velocity for name, velocity in velocities_of(scene, columns, placed).items()}
         left = surroundings.steps_left(lists, positions, steps, reserve)
-        health = surroundings.note(health, lists, positions, state.step + number, left)
+        health = surroundings.note(scene, health, lists, positions, state.step + number, left)
         due = {name: ~(lasts.steps >= 1) for name, lasts in left.items()}
         # Who has just come near others belongs to other regions once lists are new: then one step, and another look.
         shortest = jnp.min(jnp.stack([lasts.steps for lasts in left.values()]))
@@ -185,7 +185,7 @@ def advance(
     step = state.step + jnp.asarray(n_steps, jnp.int32)
     finite = all_finite(jax.lax.stop_gradient(columns))
     health = health.note(~finite, NOT_FINITE, step)
-    return columns, replace(state, time=state.time + dt * n_steps, step=step, health=health)
+    return columns, replace(state.later(dt * n_steps), step=step, health=health)
 
 
 def _repeated(once, carry, n, block=None):
@@ -232,8 +232,9 @@ def solve(
         health = state.health.note(~finite & ~reached, GAVE_UP, step).note(~finite, NOT_FINITE, step)
         lists, placed = lists_of(scene, references, columns, found, time)
         if lists is not None:
-            health = surroundings.note(health, lists, positions_of(scene, columns, placed), step)
-        return State(time, step, to_rows(columns, found), health)
+            health = surroundings.note(scene, health, lists, positions_of(scene, columns, placed), step)
+        remainder = None if state.time_remainder is None else jnp.zeros_like(state.time)
+        return State(time, step, to_rows(columns, found), health, remainder)
 
     return jax.vmap(at_save)(saved, times)
 

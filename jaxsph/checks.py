@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from jaxsph.pytree import is_concrete
@@ -35,6 +37,33 @@ def check_kind(name: str, value, kind: type, example: str) -> None:
         return
     cure = "call it" if isinstance(value, type) and issubclass(value, kind) else "give one"
     raise ValueError(f"{name} = {value!r} is not a {kind.__name__}; {cure}, such as {example}")
+
+
+def check_motion(system: Any, among=None) -> None:
+    """Raise ValueError unless a system's motion is a function that is zero at t = 0 (`among` (N,) of the particles).
+
+    A displacement at the start would put particles where nobody looked for what is there.
+    """
+    if system.motion is None:
+        return
+    if not callable(system.motion):
+        raise ValueError(f"{system.name}.motion = {system.motion!r} is not a function motion(t, X) of displacements")
+    positions = system.particles.positions
+    if not is_concrete(positions):
+        return
+    start: Any = system.motion(jnp.zeros((), positions.dtype), jnp.asarray(positions))
+    if not is_concrete(start):
+        return
+    if np.shape(start) != np.shape(positions):
+        raise ValueError(
+            f"motion of {system.name!r} returned the shape {np.shape(start)}; it must be {np.shape(positions)}"
+        )
+    away = np.max(np.abs(np.asarray(start)[slice(None) if among is None else among]))
+    if not away <= 1e-3 * system.particles.spacing:
+        raise ValueError(
+            f"{system.name}.motion displaces particles by {away:.4g} m at t = 0; it must start from zero: put the "
+            "particles where they are at the start"
+        )
 
 
 def check_poisson_ratio(value) -> None:

@@ -57,12 +57,18 @@ def touching(scene, found: dict) -> Touching:
     n_solids, counts = len(scene.solids), [len(place) for place in places]
     numbers = np.concatenate([np.arange(n_solids), np.full(len(scene.walls), -1)])
     body = np.repeat(numbers, counts)
-    everything = np.concatenate(places)
+    everything, period = np.concatenate(places), None
+    if scene.domain is not None and any(scene.domain.periodic):  # a tree with periods wants positions from zero on
+        everything = everything - np.asarray(scene.domain.lower)
+        period = np.where(scene.domain.periodic, scene.domain.lengths, 0.0)
+        wrapped = np.mod(everything, np.where(period > 0, period, 1.0))
+        # what is left of zero by less than rounding comes out as the whole period
+        everything = np.where(period > 0, np.where(wrapped < period, wrapped, 0.0), everything)
     reach = np.full(len(everything), np.inf)
     for number in np.unique(body):
         own = body == number
         if not own.all():
-            reach[own] = KDTree(everything[~own]).query(everything[own])[0]
+            reach[own] = KDTree(everything[~own], boxsize=period).query(everything[own])[0]
     spacing = np.repeat([b.particles.spacing for b in bodies(scene)], counts)
     real = scene.dtype
     # An infinite one would be a NaN in a derivative.

@@ -144,7 +144,7 @@ class EDAC(DensityCalculator):
     def pressure_flux(self, a, b, pair):
         """What diffusion brings to a, times its volume [J/s, in 2D per meter]; antisymmetric."""
         diffusivity = self.alpha * pair.smoothing_length * pair.sound_speed / 8
-        return 2 * diffusivity * a["volume"] * b["volume"] * (a["pressure"] - b["pressure"]) * pair.slope
+        return 2 * (a["volume"] * b["volume"] * pair.slope) * (diffusivity * (a["pressure"] - b["pressure"]))
 
     def pressure_force(self, a, b, gradient):
         """[N]."""

@@ -16,15 +16,20 @@ from jaxsph.pytree import pytree_dataclass, static
 from jaxsph.surroundings import rebuild
 from jaxsph.walls import WallSummation
 
+OF_THE_PAST = ("shift", "cover", "density_rate")
+"""Fields that a step takes from the one before. An evaluation makes them anew, whatever they are at first."""
+
 
 @pytree_dataclass
 class Diffrax:
-    """Any diffrax solver with error-controlled steps, on the same right-hand side as `KickDriftKick`.
+    """A diffrax solver with error-controlled steps, on the same right-hand side as `KickDriftKick`.
 
     For reference solutions and smooth problems. Needs the `diffrax` package.
 
     Attributes:
-        solver: a diffrax solver; None takes `diffrax.Tsit5()`.
+        solver: a diffrax solver that estimates its error, such as `diffrax.Dopri8()`; None takes `diffrax.Tsit5()`.
+            Without an estimate (`diffrax.Euler()`) it needs controller=diffrax.ConstantStepSize(). Implicit ones work,
+            and take a matrix of all particles.
         relative_tolerance, absolute_tolerance: of the step size controller. The error is measured in the root
             mean square over displacements [m] and velocities [m/s] together.
         controller: a diffrax step size controller, instead of one from the tolerances.
@@ -41,6 +46,8 @@ class Diffrax:
     max_steps: int = static(default=100_000)
 
     def __post_init__(self):
+        if isinstance(self.solver, type):
+            raise ValueError(f"solver = {self.solver!r} is a class; call it: Diffrax(diffrax.{self.solver.__name__}())")
         checks.check_positive("relative_tolerance", self.relative_tolerance, "no unit")
         checks.check_positive("absolute_tolerance", self.absolute_tolerance, "m, m/s")
         if self.max_steps < 1:
@@ -55,8 +62,8 @@ class Diffrax:
 
         def evaluate(time, y):
             """All fields that follow from those of the solver, and the rates of these."""
-            shifted = {name: {k: v for k, v in columns[name].items() if k == "shift"} | y[name] for name in y}
-            fields = constrain(scene, references, {**columns, **shifted}, time)
+            noticed = {name: {k: v for k, v in columns[name].items() if k in OF_THE_PAST} | y[name] for name in y}
+            fields = constrain(scene, references, {**columns, **noticed}, time)
             lists, placed, changes = {}, None, {}
             if scene.meets:
                 placed = place_boundaries(scene, references, fields, time)
@@ -72,13 +79,14 @@ class Diffrax:
                 if scene.density.evolved is not None:
                     keep = keep_volume if scene.density.evolved == "density_deviation" else keep_mean
                     fields = keep(scene, references, fields)
-            # A step takes the shift from the one before; here it has to be that of this moment: twice, then.
-            for _ in range(2 if any("shift" in values for values in fields.values()) else 1):
+            # A step takes shift and cover from the one before; here they have to be those of this moment: twice, then.
+            remembered = any("shift" in values or "cover" in values for values in fields.values())
+            for _ in range(2 if remembered else 1):
                 found = accelerations(scene, references, fields, time, lists, placed, forward_mode=forward_mode)
                 fields = {name: {**values, **found.get(name, {})} for name, values in fields.items()}
             evolved = scene.density.evolved
             if scene.fluids and evolved is not None:
-                rates = rates_of(evolved)(scene, references, fields, placed, lists, forward_mode=forward_mode)
+                rates = rates_of(evolved, time)(scene, references, fields, placed, lists, forward_mode=forward_mode)
                 changes = {name: {evolved: rate} for name, rate in rates.items()}
                 if scene.effect(AcousticDamper) is not None:
                     fields = noted(scene, fields, rates)

@@ -17,7 +17,7 @@ from jaxsph.errors import (
 )
 from jaxsph.pytree import pytree_dataclass
 
-GOOD, NOT_FINITE, UNSTABLE, GAVE_UP, OVERFLOW, OUTSIDE, BEYOND_SKIN = 0, 1, 2, 3, 4, 5, 6
+GOOD, NOT_FINITE, UNSTABLE, GAVE_UP, OVERFLOW, OUTSIDE, BEYOND_SKIN, OUTGROWN = 0, 1, 2, 3, 4, 5, 6, 7
 
 CURES = {
     NOT_FINITE: "a field became infinite or not a number; take a smaller time_step (bodies that stretch by much: "
@@ -32,7 +32,9 @@ CURES = {
     "capacity_multiplier",
     OUTSIDE: "a particle left the domain; widen the scene's domain, or close the wall where it got through",
     BEYOND_SKIN: "particles moved further between two builds of the neighbor lists than their skin allows; state a "
-    "larger max_speed, or take a smaller time_step",
+    "larger max_speed, or take a smaller time_step, or make topologies_of_scene for the largest smoothing length",
+    OUTGROWN: "the support radius of a structure is larger than that for which its neighbors were found; make "
+    "topologies_of_scene for the largest smoothing length",
 }
 
 
@@ -78,12 +80,15 @@ def all_finite(columns) -> Any:
     return finite
 
 
-def raise_if_failed(state, trajectory=None) -> None:
-    """Raise what the health of a state says, naming the first particle that is not finite. Outside jit only.
+def raise_if_failed(state, trajectory=None, domain=None) -> None:
+    """Raise what the health of a state says, naming the first particle that is not finite or outside.
+
+    Outside jit only.
 
     Args:
         state: with fields particle first.
         trajectory: what was computed before, handed on with the error.
+        domain: `Domain` that particles may have left.
     """
     health = state.health
     reason, step = int(health.reason), int(health.step)
@@ -98,7 +103,11 @@ def raise_if_failed(state, trajectory=None) -> None:
         )
     time = f"t = {float(state.time):.6g} s"
     numbers = f"({float(health.number):.6g}, limit {float(health.limit):.6g})"
-    for kind, error in ((OVERFLOW, NeighborOverflow), (OUTSIDE, ParticleOutside), (BEYOND_SKIN, SkinExceeded)):
+    if reason == OUTSIDE:
+        raise ParticleOutside(
+            f"stopped at or before step {step} ({time}){_who_left(state, domain)}: {CURES[OUTSIDE]}", trajectory
+        )
+    for kind, error in ((OVERFLOW, NeighborOverflow), (BEYOND_SKIN, SkinExceeded)):
         if reason == kind:
             raise error(f"stopped at or before step {step} ({time}) {numbers}: {CURES[kind]}", trajectory)
     if reason == GAVE_UP:
@@ -110,3 +119,22 @@ def raise_if_failed(state, trajectory=None) -> None:
             if bad.any() and not where:
                 where = f": {field} of particle {int(np.argmax(bad))} of {name!r} ({int(bad.sum())} particles in all)"
     raise NotFinite(f"not finite at or before step {step} ({time}){where}; {CURES[reason]}", trajectory)
+
+
+def _who_left(state, domain) -> str:
+    """The first particle of a state that is outside a domain, if it still is."""
+    if domain is None:
+        return ""
+    for name, fields in state.systems.items():
+        if "position" not in fields:
+            continue
+        position = np.asarray(fields["position"])
+        beyond = ~np.asarray(domain.contains(position.T))
+        if beyond.any():
+            first = int(np.argmax(beyond))
+            place = ", ".join(f"{x:.6g}" for x in position[first])
+            return (
+                f": particle {first} of {name!r} is at ({place}) m ({int(beyond.sum())} of its particles in all), "
+                f"the domain reaches from {domain.lower} to {domain.upper} m"
+            )
+    return ""

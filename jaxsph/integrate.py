@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -52,11 +53,17 @@ class KickDriftKick:
 
     def for_scene(self, scene, stable: Callable[[], dict]) -> KickDriftKick:
         """With the number of substeps of every structure that meets fluids, where none is given those of `stable()`."""
-        names = [structure.name for structure in scene.structures] if scene.fluids else []
+        structures = [structure.name for structure in scene.structures]
+        names = structures if scene.fluids else []
+        if self.substeps is not None and not names:
+            raise ValueError(
+                f"substeps = {self.substeps!r}: structures take substeps beside fluids, and the scene has no "
+                f"{'structures' if scene.fluids else 'fluids'}; leave them out, and pass time_step="
+            )
         if isinstance(self.substeps, tuple):
-            unknown = [name for name, _ in self.substeps if name not in [s.name for s in scene.structures]]
+            unknown = [name for name, _ in self.substeps if name not in structures]
             if unknown:
-                raise ValueError(f"substeps are given for {unknown}; the scene's structures are {names}")
+                raise ValueError(f"substeps are given for {unknown}; the scene's structures are {structures}")
         given = dict(self.substeps) if isinstance(self.substeps, tuple) else dict.fromkeys(names, self.substeps)
         if any(given.get(name) is None for name in names):
             found = stable()
@@ -178,7 +185,8 @@ def _flow(scene, references, columns, moved, lists, time, time_step, forward_mod
             middle = 0.5 * (now["displacement"] + before["displacement"])
             halfway[solid.name] = {**now, "displacement": middle}
         middle = place_boundaries(scene, references, halfway, time + half)
-        rates = rates_of(evolved)(scene, references, halfway, middle, lists, forward_mode=forward_mode)
+        rates_now = rates_of(evolved, time + half)
+        rates = rates_now(scene, references, halfway, middle, lists, forward_mode=forward_mode)
         for name, rate in rates.items():
             moved[name] = {**moved[name], evolved: moved[name][evolved] + time_step * rate}
         moved = noted(scene, moved, rates)
@@ -206,9 +214,9 @@ def noted(scene, columns, rates):
     }
 
 
-def rates_of(field):
-    """The function that gives the rates of the density or the pressure, whichever evolves."""
-    return density_rates if field == "density_deviation" else pressure_rates
+def rates_of(field, time):
+    """The function that gives the rates of the density or the pressure, whichever evolves, at a time [s]."""
+    return density_rates if field == "density_deviation" else partial(pressure_rates, time=time)
 
 
 def path(fields):

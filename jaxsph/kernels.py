@@ -95,8 +95,10 @@ class Kernel(ABC):
 
 
 def _same_dtype(r_vec, h):
-    """Positions set the precision; h follows."""
+    """Positions set the precision, jax's default if they are whole numbers; h follows."""
     r_vec = jnp.asarray(r_vec)
+    if not jnp.issubdtype(r_vec.dtype, jnp.inexact):
+        r_vec = r_vec.astype(float)
     return r_vec, jnp.asarray(h, r_vec.dtype)
 
 
@@ -143,6 +145,11 @@ def _positive(x):
     return jnp.maximum(x, 0.0)
 
 
+def _at_least(ratio, knot):
+    """R, and the knot below it; at the knot its derivative is 1, not the 1/2 of a maximum: lattices are there."""
+    return jnp.where(ratio < knot, knot, ratio)
+
+
 @pytree_dataclass
 class CubicSpline(Kernel):
     """Cubic B-spline M4 (Schoenberg 1946; Monaghan & Lattanzio 1985), support 2 h, twice differentiable."""
@@ -156,7 +163,7 @@ class CubicSpline(Kernel):
 
     def slope(self, ratio: Array, dim: int) -> Array:
         """-6 + 9 R in the inner piece, where the terms in 1/R cancel; -3 (1 - R)_+^2 / R outside it."""
-        outer = -3 * _positive(1 - ratio) ** 2 / jnp.maximum(ratio, 0.5)
+        outer = -3 * _positive(1 - ratio) ** 2 / _at_least(ratio, 0.5)
         return jnp.where(ratio < 0.5, 9 * ratio - 6, outer)
 
 
@@ -175,7 +182,7 @@ class QuarticSpline(Kernel):
     def slope(self, ratio: Array, dim: int) -> Array:
         """-24/5 + 24 R^2 in the innermost piece; -4 ((1 - R)_+^3 - 5 (3/5 - R)_+^3) / R outside it."""
         pieces = _positive(1 - ratio) ** 3 - 5 * _positive(0.6 - ratio) ** 3
-        return jnp.where(ratio < 0.2, 24 * ratio**2 - 4.8, -4 * pieces / jnp.maximum(ratio, 0.2))
+        return jnp.where(ratio < 0.2, 24 * ratio**2 - 4.8, -4 * pieces / _at_least(ratio, 0.2))
 
 
 @pytree_dataclass
@@ -194,7 +201,7 @@ class QuinticSpline(Kernel):
         """-40/9 + 40 R^2 - 50 R^3 in the innermost piece; -5 ((1 - R)_+^4 - 6 (2/3 - R)_+^4) / R outside."""
         pieces = _positive(1 - ratio) ** 4 - 6 * _positive(2 / 3 - ratio) ** 4
         inner = (40 - 50 * ratio) * ratio**2 - 40 / 9
-        return jnp.where(ratio < 1 / 3, inner, -5 * pieces / jnp.maximum(ratio, 1 / 3))
+        return jnp.where(ratio < 1 / 3, inner, -5 * pieces / _at_least(ratio, 1 / 3))
 
 
 @pytree_dataclass

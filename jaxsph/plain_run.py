@@ -32,7 +32,7 @@ def run_plain(scene, found, state, time_step, n_saves, progress, out, options):
         states = _states(scene, references, columns, state, found, time_step, n_saves, options)
         for rows in _bar(states, n_saves, progress):
             if int(rows.health.reason) != GOOD:
-                raise_if_failed(rows, Trajectory(scene, whole(), float(time_step)))
+                raise_if_failed(rows, Trajectory(scene, whole(), float(time_step)), _domain(scene, found))
             saved.append(rows)
             if file is not None:
                 file.append_state(rows)
@@ -156,6 +156,12 @@ def _some_steps(scene, references, columns, state, found, time_step, options, n_
             options = {**options, "growth": growth}
         else:
             return advanced, new, found, options
+
+
+def _domain(scene, found):
+    """In which neighbors are searched; None if no systems meet."""
+    lists = [found["-".join(pair)] for pair in surroundings.pairs_of(scene)] if scene.meets else []
+    return lists[0].grid.domain if lists else None
 
 
 def _longest_way(scene, found):

@@ -16,7 +16,7 @@ import numpy as np
 from jaxsph import checks
 from jaxsph.geometry.shapes import Particles
 from jaxsph.pair_sum import dot
-from jaxsph.pytree import as_real, pytree_dataclass, static
+from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, static
 from jaxsph.system import System
 from jaxsph.tensors import inverse
 from jaxsph.walls import AdamiExtrapolation, WallPressure, check_model
@@ -61,11 +61,12 @@ class RigidBody(System):
         given = spin if self.angular_velocity is None else self.angular_velocity
         object.__setattr__(self, "angular_velocity", as_real(given, real))
         self.check()
-        centered = np.asarray(self.particles.positions, np.float64)
-        centered = centered - centered.mean(axis=0)
-        extent = np.linalg.svd(centered, compute_uv=False)
-        if not extent[d - 2] > 1e-6 * self.particles.spacing:
-            raise ValueError(f"the particles of {self.name!r} are at one place or on a line, about which nothing turns")
+        if is_concrete(self.particles.positions):
+            centered = np.asarray(self.particles.positions, np.float64)
+            centered = centered - centered.mean(axis=0)
+            extent = np.linalg.svd(centered, compute_uv=False)
+            if not extent[d - 2] > 1e-6 * self.particles.spacing:
+                raise ValueError(f"the particles of {self.name!r} are at one place or on a line: nothing turns there")
 
     def check(self, prefix: str = "") -> None:
         """Raise ValueError if a number is out of its range or has a shape that does not fit. Traced ones pass."""
@@ -131,7 +132,8 @@ def turning(mass, offset, of_moment):
         return of_moment / jnp.sum(mass * dot(offset, offset))
     unit = jnp.eye(3, dtype=offset.dtype)
     inertia = jnp.sum(mass * dot(offset, offset)) * unit - (mass * offset) @ offset.T
-    return inverse(inertia) @ of_moment
+    size = jnp.trace(inertia)  # in float32 the determinant of the inertia of a small body is zero
+    return inverse(inertia / size) @ (of_moment / size)
 
 
 def as_rigid(mass, offset, velocity):

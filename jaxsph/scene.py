@@ -12,15 +12,20 @@ from jaxsph.density import ContinuityDensity, DensityCalculator
 from jaxsph.effects import Contact, FlowEffect
 from jaxsph.fluid import Fluid
 from jaxsph.kernels import Kernel, WendlandC2
+from jaxsph.materials.elastic import ElasticLaw
+from jaxsph.materials.state_equation import StateEquation
+from jaxsph.materials.viscosity import ViscosityLaw
 from jaxsph.neighbors import Domain
 from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, static
 from jaxsph.rigid_body import RigidBody
-from jaxsph.scene_checks import check_density, check_effects, check_meetings, check_systems
+from jaxsph.scene_checks import check_density, check_effects, check_fluids, check_meetings, check_systems
 from jaxsph.structure import Structure
-from jaxsph.walls import Wall
+from jaxsph.walls import Wall, WallPressure
 
 SMOOTHING_LENGTH = 1.5
-"""Smoothing length of the fluids in particle spacings, if none is given."""
+"""Smoothing length of the fluids in particle spacings of the coarsest, if none is given."""
+
+LAWS = (ElasticLaw, StateEquation, ViscosityLaw, WallPressure)
 
 SCENE_PARTS = ("gravity", "smoothing_length", "density", "kernel")
 
@@ -35,7 +40,7 @@ class Scene:
         effects: such as `ArtificialViscosity(0.02)` or `PenaltyForce(0.05)`, one or a list, at most one of a kind (of
             `BodyForce` any number). What is not listed is not compiled.
         kernel: smoothing kernel of the fluids; structures have their own.
-        smoothing_length: h of the fluids [m]; None takes 1.5 spacings.
+        smoothing_length: h of all fluids [m]; None takes 1.5 spacings, those of the coarsest.
         density: how fluids get their density.
         domain: in which systems that meet move, with its periodic directions; None is free, and ends far from the
             particles.
@@ -66,6 +71,7 @@ class Scene:
         gravity = np.zeros(d) if gravity is None else gravity
         effects = effects if isinstance(effects, (tuple, list)) else (effects,)
         checks.check_kind("kernel", kernel, Kernel, "WendlandC4()")
+        checks.check_kind("domain", domain, Domain, "Domain((0, 0), (1, 1), periodic=True)")
         checks.check_kind("density", density, DensityCalculator, "SummationDensity()")
         checks.check_finite("gravity", gravity, (d,))
         check_effects(effects, systems)
@@ -73,20 +79,21 @@ class Scene:
         if domain is not None and domain.dimension != d:
             raise ValueError(f"the domain has {domain.dimension} axes, the particles {d}")
         if smoothing_length is None and flows:
-            smoothing_length = SMOOTHING_LENGTH * min(fluid.particles.spacing for fluid in flows)
+            smoothing_length = SMOOTHING_LENGTH * max(fluid.particles.spacing for fluid in flows)
         if smoothing_length is not None:
             checks.check_positive("smoothing_length", smoothing_length, "m")
             smoothing_length = as_real(smoothing_length, real)
+        check_fluids(flows, smoothing_length)
         check_meetings(systems, effects, flows)
         density = ContinuityDensity() if density is None else density
         check_density(density, systems, effects)
         set_field = lambda name, value: object.__setattr__(self, name, value)  # noqa: E731
-        set_field("systems", tuple(systems))
+        set_field("systems", tuple(_laws_in_precision(system, real) for system in systems))
         set_field("gravity", as_real(gravity, real))
         set_field("effects", tuple(_in_precision(effect, real) for effect in effects))
-        set_field("kernel", WendlandC2() if kernel is None else kernel)
+        set_field("kernel", WendlandC2() if kernel is None else _in_precision(kernel, real))
         set_field("smoothing_length", smoothing_length)
-        set_field("density", density)
+        set_field("density", _in_precision(density, real))
         set_field("domain", domain)
 
     @property
@@ -243,6 +250,15 @@ def _in_precision(effect, real):
     """The effect with its arrays in the scene's precision; plain numbers have none."""
     plain = lambda leaf: type(leaf) in (float, int) or not is_concrete(leaf)  # noqa: E731
     return jax.tree.map(lambda leaf: leaf if plain(leaf) else np.asarray(leaf, real), effect)
+
+
+def _laws_in_precision(system, real):
+    """The system with the arrays of its laws and models in the scene's precision."""
+    laws = {name: getattr(system, name, None) for name in ("law", "state_equation", "viscosity_law", "pressure")}
+    changed = {
+        name: _in_precision(law, real) for name, law in laws.items() if isinstance(law, LAWS) and jax.tree.leaves(law)
+    }
+    return pytree.replace(system, **changed) if changed else system
 
 
 def _short(value):

@@ -11,6 +11,8 @@ from jaxsph.effects import (
     BodyForce,
     Contact,
     Damping,
+    DeltaDiffusion,
+    DensityDiffusion,
     FlowEffect,
     KelvinVoigt,
     KernelGradientCorrection,
@@ -21,9 +23,16 @@ from jaxsph.effects import (
     WallRepulsion,
 )
 from jaxsph.fluid import Fluid
+from jaxsph.pytree import is_concrete
 from jaxsph.rigid_body import RigidBody
 from jaxsph.structure import Structure
 from jaxsph.walls import Wall, WallContinuity, WallSummation
+
+LEAST_SMOOTHING = 0.85
+"""Of a spacing: with less a particle has but its nearest neighbors, and a divergence of 1 comes out as .8 and less."""
+
+SMALLEST, LARGEST = 1e-31, 1e31
+"""Of V^2 rho c^2 in float32, whose numbers end at 1e-38 and 3e38: between them seven digits below and above."""
 
 OVERLAP, AMONG = 0.45, 0.8
 """Of the smaller spacing: a fluid's particle that is so close to one of something else, or to 2^d of them, is in it."""
@@ -46,7 +55,11 @@ def check_systems(systems) -> None:
         raise ValueError(f"a system is called {sorted(taken)[0]!r}, which names a number of the scene; rename it")
     dimensions, kinds = {s.dimension for s in systems}, {str(s.dtype) for s in systems}
     if len(dimensions) > 1 or len(kinds) > 1:
-        raise ValueError(f"all systems of a scene need one dimension and one precision, not {dimensions}, {kinds}")
+        found = ", ".join(f"{s.name!r} in {s.dimension}D, {s.dtype}" for s in systems)
+        raise ValueError(
+            f"all systems of a scene need one dimension and one precision, not {found}; make their particles with one "
+            "dtype="
+        )
 
 
 def check_effects(effects, systems) -> None:
@@ -76,9 +89,34 @@ def check_effects(effects, systems) -> None:
             )
         if any(isinstance(effect, TensileControl) for effect in effects):
             raise ValueError("KernelGradientCorrection and TensileControl both take p_b - p_a; leave one of them out")
+    if sum(isinstance(effect, (DensityDiffusion, DeltaDiffusion)) for effect in effects) > 1:
+        raise ValueError("DensityDiffusion and DeltaDiffusion are two forms of one effect; leave one of them out")
     kinds = [type(effect) for effect in effects if not isinstance(effect, BodyForce)]
     if len(set(kinds)) != len(kinds):
         raise ValueError(f"an effect can be listed once: {[kind.__name__ for kind in kinds]}")
+
+
+def check_fluids(flows, smoothing_length) -> None:
+    """That one smoothing length and one law of viscosity serve all fluids, and float32 holds the products of a pair."""
+    for fluid in flows:
+        spacing, h = fluid.particles.spacing, smoothing_length
+        if is_concrete(h) and not h > LEAST_SMOOTHING * spacing:
+            raise ValueError(
+                f"smoothing_length = {float(h):.4g} m is {float(h) / spacing:.3g} spacings of {fluid.name!r}, whose "
+                f"sums would miss most neighbors (limit {LEAST_SMOOTHING}, usual 1.5); pass a larger one, or make "
+                "fluids of one spacing"
+            )
+        if fluid.dtype == np.float32 and is_concrete(fluid.density, fluid.sound_speed):
+            product = spacing ** (2 * fluid.dimension) * float(fluid.density) * float(fluid.sound_speed) ** 2
+            if not SMALLEST < product < LARGEST:
+                raise ValueError(
+                    f"forces of pairs of {fluid.name!r} are of the order of {product:.1e}, V^2 rho c^2 in SI units, of "
+                    f"which float32 loses digits (it holds them from {SMALLEST:g} to {LARGEST:g}); make the particles "
+                    "with dtype=float64, or measure lengths in another unit"
+                )
+    laws = {type(fluid.viscosity_law).__name__ for fluid in flows if fluid.viscosity is not None}
+    if len(laws) > 1:
+        raise ValueError(f"viscous fluids of a scene need one law of viscosity, or forces are not opposite, not {laws}")
 
 
 def _names(kinds) -> str:
@@ -137,9 +175,11 @@ def check_density(density, systems, effects) -> None:
 
 
 def check_apart(scene) -> None:
-    """That no fluid starts within a wall, a solid or another fluid. Of known positions; periods are not counted."""
+    """That no fluid starts within a wall, a solid, another fluid, or its own image. Of known positions."""
     from scipy.spatial import KDTree
 
+    if scene.domain is not None and any(scene.domain.periodic):
+        _check_seam(scene)
     for number, fluid in enumerate(scene.fluids):
         here = np.asarray(fluid.particles.positions)
         for other in (*scene.fluids[number + 1 :], *scene.boundaries):
@@ -158,3 +198,24 @@ def check_apart(scene) -> None:
                     f"{distance[inside[0], 0]:.3g} m from one of its particles (limit {OVERLAP * spacing:.3g} m, from "
                     f"{several} of them {AMONG * spacing:.3g} m); move it, make it smaller, or cut it out"
                 )
+
+
+def _check_seam(scene) -> None:
+    """That no two particles of a fluid are at one place because the period is shorter than the fluid."""
+    from scipy.spatial import KDTree
+
+    domain = scene.domain
+    low, period = np.asarray(domain.lower), np.where(domain.periodic, domain.lengths, 0.0)
+    for fluid in scene.fluids:
+        here = np.asarray(fluid.particles.positions, np.float64) - low
+        wrapped = np.where(period > 0, np.mod(here, np.where(period > 0, period, 1.0)), here)
+        wrapped = np.where((period > 0) & (wrapped >= period), 0.0, wrapped)  # rounded up
+        pairs = KDTree(wrapped, boxsize=period).query_pairs(OVERLAP * fluid.particles.spacing, output_type="ndarray")
+        apart = np.linalg.norm(here[pairs[:, 0]] - here[pairs[:, 1]], axis=1) > 2 * OVERLAP * fluid.particles.spacing
+        if apart.any():
+            a, b = pairs[np.argmax(apart)]
+            raise ValueError(
+                f"{int(apart.sum())} pairs of particles of {fluid.name!r} are at one place through the period of "
+                f"{[length for length in period.tolist() if length]} m, the first {a} and {b}; make the domain as long "
+                "as what fills it"
+            )

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxsph import checks, surroundings
 from jaxsph.dynamics import topologies
-from jaxsph.effects import ShepardFilter
+from jaxsph.effects import BodyForce, ShepardFilter
 from jaxsph.error_control import Diffrax
 from jaxsph.errors import UnstableTimeStep
 from jaxsph.integrate import KickDriftKick
@@ -67,7 +67,8 @@ def simulate(
             transformation; None takes a tenth of the sound speed, or the fastest particle at the start. A run with
             plain numbers builds them when they are due.
         progress: show a bar (needs tqdm).
-        out: path of a VTKHDF file to write as the run goes (not under a transformation).
+        out: path of a VTKHDF file to write as the run goes (not under a transformation), in place of an older one. A
+            run that continues another needs a file of its own.
 
     Raises:
         ValueError: arguments that do not fit.
@@ -77,13 +78,21 @@ def simulate(
         NotFinite: a field blew up. The error's `trajectory` holds what was computed, and `out` is whole.
         SimulationError: the error-controlled solver gave up; the same holds.
     """
+    if not isinstance(integrator, (KickDriftKick, Diffrax)):
+        raise ValueError(f"integrator = {integrator!r} must be KickDriftKick() or Diffrax(diffrax.Tsit5())")
     if mode not in ("reverse", "forward"):
         raise ValueError(f"mode {mode!r} must be 'reverse' or 'forward'")
     n_saves, save_every = _intervals(t_end, save_every)
-    traced = not is_concrete(scene, state)
+    traced = not is_concrete(scene, state) or _has_traced_functions(scene)
     if topologies_of_scene is None:
         topologies_of_scene = topologies(scene, state if is_concrete(state) else None)
     found = topologies_of_scene
+    for structure in scene.structures if is_concrete(scene) else ():
+        if not found[structure.name].suffices(structure):
+            raise ValueError(
+                f"the smoothing length of {structure.name!r}, {float(structure.smoothing_length):.4g} m, is larger "
+                "than that for which topologies_of_scene were made; make them of this scene"
+            )
     error_controlled = isinstance(integrator, Diffrax)
     if error_controlled and scene.effect(ShepardFilter) is not None:
         raise ValueError("ShepardFilter acts between steps, and Diffrax chooses its own; take KickDriftKick()")
@@ -133,6 +142,19 @@ def simulate(
     else:
         states = run_plain(scene, found, state, taken, n_saves, progress, out, options)
     return Trajectory(scene, states, float(taken))
+
+
+def _has_traced_functions(scene) -> bool:
+    """Whether a motion or a body force is made of traced numbers, which a scene does not show."""
+    time, calls = jnp.zeros((), scene.dtype), []
+    for system in scene.systems:
+        if getattr(system, "motion", None) is not None:
+            calls.append(lambda motion=system.motion, x=system.particles.positions: motion(time, jnp.asarray(x)))
+    for effect in scene.effects:
+        if isinstance(effect, BodyForce):
+            position = jnp.asarray(scene.systems[0].particles.positions).T
+            calls.append(lambda effect=effect, x=position: effect.acceleration(x, time))
+    return not all(is_concrete(call()) for call in calls)
 
 
 def _stable_substeps(scene, found, time_step):

@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxsph.contact import contact_time_step
 from jaxsph.dynamics import prepare, topologies
-from jaxsph.effects import AcousticDamper, ArtificialViscosity, Contact, KelvinVoigt, PenaltyForce
+from jaxsph.effects import AcousticDamper, ArtificialViscosity, Contact, Damping, KelvinVoigt, PenaltyForce
 from jaxsph.elastic_forces import elastic_acceleration
 from jaxsph.state import State, to_columns
 from jaxsph.structure import Reference
@@ -38,6 +38,8 @@ def largest_stable_time_step(
         if steps is not None:
             here = None if columns is None else columns[structure.name]["displacement"]
             limit = jnp.minimum(limit, steps * structure_time_step(scene, structure, references[structure.name], here))
+    if scene.rigid_bodies and scene.effect(Damping) is not None:
+        limit = jnp.minimum(limit, damped_time_step(scene, jnp.asarray(jnp.inf, scene.dtype)))
     touching = contact_time_step(scene, references)
     if not scene.fluids:
         # Both act on the same particles in one step: the squares of the frequencies add up.
@@ -96,13 +98,32 @@ def structure_time_step(scene, structure, ready: Reference, displacement=None):
 
     def iterate(carry, _):
         vector, _ = carry
-        vector = vector / jnp.sqrt(jnp.maximum(jnp.sum(vector**2), jnp.finfo(vector.dtype).tiny))
-        image = stiffness(vector)
-        return (image, jnp.sqrt(jnp.sum(image**2))), None
+        image = stiffness(vector / _length(vector))
+        return (image, _length(image)), None
 
     (_, squared), _ = jax.lax.scan(iterate, (vector, jnp.zeros((), vector.dtype)), length=POWER_ITERATIONS)
-    limit, friction = 2 / jnp.sqrt(jnp.maximum(squared, jnp.finfo(squared.dtype).tiny)), scene.effect(KelvinVoigt)
-    return limit if friction is None else friction.stable(limit)
+    return damped_time_step(scene, 2 / jnp.sqrt(squared))
+
+
+def _length(vector):
+    """|v| of all numbers together, without squares that overflow: frequencies squared are 1e20 in a micrometer."""
+    largest = jnp.maximum(jnp.max(jnp.abs(vector)), jnp.finfo(vector.dtype).tiny)
+    return largest * jnp.sqrt(jnp.sum((vector / largest) ** 2))
+
+
+def damped_time_step(scene, limit):
+    """The largest stable step [s] of a solid that without friction is a limit [s], infinite for a rigid body.
+
+    Friction of the material takes the rate tau w^2 from a vibration w, `Damping` its own; both act with the velocity of
+    half a step before, so that a step is stable while (w dt)^2 + 2 (tau w^2 + rate) dt < 4, with 2 / w the limit.
+    """
+    friction, damping = scene.effect(KelvinVoigt), scene.effect(Damping)
+    share = 0.0  # (tau w^2 + rate) / 2
+    if friction is not None:
+        share = 2 * friction.relaxation_time / limit**2
+    if damping is not None:
+        share = share + 0.5 * damping.rate
+    return limit if friction is None and damping is None else 2 / (jnp.sqrt(share**2 + 4 / limit**2) + share)
 
 
 def fluid_time_step(scene, fluid):

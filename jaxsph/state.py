@@ -11,7 +11,7 @@ import numpy as np
 from jaxsph.effects import AcousticDamper, DeltaDiffusion, Shifting, TensileControl
 from jaxsph.fluid import Fluid
 from jaxsph.health import Health
-from jaxsph.pytree import pytree_dataclass
+from jaxsph.pytree import pytree_dataclass, replace
 from jaxsph.rigid_body import RigidBody
 from jaxsph.structure import Structure
 from jaxsph.walls import WallContinuity, WallSummation
@@ -23,7 +23,7 @@ class State:
 
     Attributes:
         time: [s].
-        step: number of steps taken.
+        step: number of steps taken; in states that an error-controlled solver saved those of its whole run.
         systems: by name of the system, its fields, particle first and in the user's order. A structure or rigid body
             has `displacement` (N, d) [m], `velocity` (N, d) [m/s], `acceleration` (N, d) [m/s^2], and in float32
             `remainder` (N, d) [m], what rounding left out of the displacement (see docs/formulation.md); beside fluids
@@ -35,6 +35,7 @@ class State:
             `pressure` (N,) [Pa]. A wall has `position` and `velocity` if it moves, `density_deviation` if its model
             integrates it, else nothing.
         health: what went wrong, if anything did.
+        time_remainder: [s], what rounding left out of `time` in float32; None in float64.
 
     In a trajectory every array has a time axis in front.
     """
@@ -43,6 +44,15 @@ class State:
     step: Any
     systems: dict
     health: Health
+    time_remainder: Any = None
+
+    def later(self, duration) -> State:
+        """The state with a clock that is a duration [s] later. Rounded sums would drift with the number of saves."""
+        if self.time_remainder is None:
+            return replace(self, time=self.time + duration)
+        added = duration + self.time_remainder
+        time = self.time + added
+        return replace(self, time=time, time_remainder=added - (time - self.time))
 
 
 def initial_state(scene) -> State:
@@ -51,7 +61,9 @@ def initial_state(scene) -> State:
     The acceleration is filled in by the first call of `simulate`; a kick-drift-kick step needs it.
     """
     systems = {system.name: _initial_fields(scene, system) for system in scene.systems}
-    return State(jnp.zeros((), scene.dtype), jnp.zeros((), jnp.int32), systems, Health.good(scene.dtype))
+    zero = jnp.zeros((), scene.dtype)
+    remainder = zero if scene.dtype == np.float32 else None
+    return State(zero, jnp.zeros((), jnp.int32), systems, Health.good(scene.dtype), remainder)
 
 
 def _initial_fields(scene, system) -> dict:

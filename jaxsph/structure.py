@@ -20,7 +20,7 @@ from jaxsph.geometry.shapes import Particles
 from jaxsph.kernels import Kernel, WendlandC2
 from jaxsph.materials.elastic import ElasticLaw, StVenantKirchhoff, lame_parameters
 from jaxsph.pair_sum import Edges, PairList, dot, pair_edges, pair_sum
-from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, replace, static
+from jaxsph.pytree import as_real, is_concrete, pytree_dataclass, static
 from jaxsph.system import System
 from jaxsph.tensors import inverse
 from jaxsph.walls import AdamiExtrapolation, WallPressure, check_model
@@ -88,6 +88,13 @@ class Structure(System):
         velocity = np.zeros(d) if self.velocity is None else self.velocity
         object.__setattr__(self, "velocity", as_real(velocity, real))
         check_model(self)
+        checks.check_kind(f"{self.name}.law", self.law, ElasticLaw, "NeoHookean()")
+        checks.check_kind(f"{self.name}.kernel", self.kernel, Kernel, "WendlandC4()")
+        if self.motion is not None and not clamped.any():
+            raise ValueError(
+                f"{self.name}.motion moves the clamped particles, and none is clamped; say which, clamped="
+            )
+        checks.check_motion(self, clamped)
         h = SMOOTHING_LENGTH * self.particles.spacing if self.smoothing_length is None else self.smoothing_length
         object.__setattr__(self, "smoothing_length", as_real(h, real))
         self.check()
@@ -121,13 +128,19 @@ class Topology:
         order: (N,) the user's index of each particle in cell order.
         rank: (N,) place in cell order of each of the user's particles.
         neighbors: list of the reference configuration, in cell order, with the coincident left out.
+        next_distance: of the nearest pair that is not listed [m]; the support radius may grow as far.
         thin: a `ThinWall` if fluids meet it and it is thinner than their support radius.
     """
 
     order: Any
     rank: Any
     neighbors: PairList
+    next_distance: Any
     thin: Any = None
+
+    def suffices(self, structure: Structure):
+        """Whether the listed pairs are all within the support radius, which a traced smoothing length may change."""
+        return structure.kernel.support_radius(structure.smoothing_length) <= self.next_distance
 
 
 def topology(structure: Structure) -> Topology:
@@ -142,7 +155,7 @@ def topology(structure: Structure) -> Topology:
     if not is_concrete(structure.particles, structure.smoothing_length):
         raise ValueError(
             f"the positions or the smoothing length of {structure.name!r} are traced, so its neighbors cannot be "
-            "found here; compute jaxsph.topologies(scene) outside of jit/grad and pass it as topologies="
+            "found here; compute jaxsph.topologies(scene) outside of jit/grad and pass it as topologies_of_scene="
         )
     positions = np.asarray(structure.particles.positions, np.float64)
     n = len(positions)
@@ -166,7 +179,15 @@ def topology(structure: Structure) -> Topology:
         order.astype(np.int32),
         rank.astype(np.int32),
         PairList(indices.astype(np.int32), count.astype(np.int32)),
+        np.asarray(_next_distance(tree, cutoff, int(count.max(initial=0))), structure.dtype),
     )
+
+
+def _next_distance(tree, cutoff, most):
+    """The smallest distance of a pair that is larger than a cutoff, if a particle has `most` neighbors within it."""
+    distance, _ = tree.query(tree.data, k=min(most + 2, tree.n))
+    beyond = distance[distance > cutoff * (1 - 1e-9)]
+    return float(np.min(beyond, initial=np.inf))
 
 
 def _check_neighborhoods(structure, positions, receivers, senders, count, order):
@@ -244,17 +265,12 @@ def reference(structure: Structure, topology: Topology, *, penalty: bool) -> Ref
     return Reference(
         neighbors=neighbors,
         edges=edges,
-        correction=volume * inverse(moment),
+        correction=inverse(moment / volume),  # of numbers near 1: in float32 a determinant of volumes is zero early
         uniform={name: value for name, value in materials.items() if jnp.ndim(value) == 0},
-        varying={name: value[order] for name, value in materials.items() if jnp.ndim(value) == 1},
+        varying={name: jnp.asarray(value)[order] for name, value in materials.items() if jnp.ndim(value) == 1},
         volume=volume,
         cells=jnp.asarray(structure.particles.cells)[order],
         moving=jnp.asarray(~structure.clamped[order], positions.dtype),
         positions=positions,
         thin=topology.thin,
     )
-
-
-def with_particles(structure: Structure, **changes) -> Structure:
-    """A copy of a structure with other positions, volumes or spacing."""
-    return replace(structure, particles=replace(structure.particles, **changes))

@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxsph.contact import TOUCHING, largest_reach
 from jaxsph.effects import Contact
-from jaxsph.health import BEYOND_SKIN, OUTSIDE, OVERFLOW, Health
+from jaxsph.health import BEYOND_SKIN, NOT_FINITE, OUTSIDE, OVERFLOW, Health
 from jaxsph.neighbors import Capacity, Domain, NeighborList, closing, far_enough, moved, neighbor_list, search_of
 from jaxsph.pytree import replace
 from jaxsph.walls import WallSummation
@@ -134,6 +134,13 @@ class Left(NamedTuple):
     limit: Any
 
 
+def support_radius(scene):
+    """Of the fluids [m], 0 without; no derivatives."""
+    if not scene.fluids:
+        return jnp.zeros((), scene.dtype)
+    return jax.lax.stop_gradient(jnp.asarray(scene.kernel.support_radius(scene.smoothing_length)))
+
+
 def steps_left(lists: dict[str, NeighborList], positions: dict, steps: dict, reserve) -> dict[str, Left]:
     """For how many more steps each list holds, if particles go on as in `steps` (d, N) [m], and by how much it broke.
 
@@ -170,20 +177,23 @@ def steps_left(lists: dict[str, NeighborList], positions: dict, steps: dict, res
     return left
 
 
-def note(health: Health, lists: dict[str, NeighborList], positions: dict, step, left: dict | None = None) -> Health:
+def note(scene, health: Health, lists: dict[str, NeighborList], positions: dict, step, left: dict | None = None):
     """What is wrong with lists that were used until particles came to these positions.
+
+    By as much as the support radius is longer than that for which lists were made, their skin is thinner.
 
     left: from `steps_left` there, judged by region; without it pairs are taken to have come closer by as much as the
     farthest particles went.
     """
-    positions = jax.lax.stop_gradient(positions)
+    positions, support = jax.lax.stop_gradient(positions), support_radius(scene)
     for name, neighbors in lists.items():
         a, b = name.split("-")
         sets = [neighbors] if neighbors.transpose is None else [neighbors, neighbors.transpose]
-        outside = jnp.max(jnp.stack([part.outside for part in sets]))
-        health = health.note(outside >= 0, OUTSIDE, step, outside, neighbors.reference.shape[1])
-        beyond = ~neighbors.grid.domain.contains(positions[a])  # since the lists were built
-        health = health.note(jnp.any(beyond), OUTSIDE, step, jnp.argmax(beyond), beyond.shape[0])
+        known = jnp.all(jnp.isfinite(positions[a])) & jnp.all(jnp.isfinite(positions[b]))
+        health = health.note(~known, NOT_FINITE, step)  # what is nowhere did not leave
+        outside = jnp.any(jnp.stack([part.outside for part in sets]) >= 0)
+        since = ~jnp.all(neighbors.grid.domain.contains(positions[a]))  # since the lists were built
+        health = health.note(outside | since, OUTSIDE, step)
         needed, limit = neighbors.needed_slots, jnp.int32(neighbors.capacity.slots)
         for part in sets:
             for number, room in part.needed_and_room:
@@ -193,7 +203,9 @@ def note(health: Health, lists: dict[str, NeighborList], positions: dict, step, 
             closer, limit = moved(neighbors, positions[a], None if a == b else positions[b]), neighbors.skin
         else:
             closer, limit = left[name].closer, left[name].limit
-        broken = ~((closer < limit) | (closer == 0))
+        if a != TOUCHING:
+            limit = limit - jnp.maximum(support - neighbors.cutoff, 0.0)
+        broken = ~((closer < limit) | ((closer == 0) & (limit >= 0)))
         health = health.note(broken & jnp.isfinite(closer), BEYOND_SKIN, step, closer, limit)
     return health
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxsph import surroundings
 from jaxsph.advance import advance, begin, solve, with_rows
 from jaxsph.error_control import Diffrax
-from jaxsph.health import CURES, GOOD, UNSTABLE
+from jaxsph.health import CURES, GOOD, OUTGROWN, UNSTABLE
 from jaxsph.pytree import replace
 from jaxsph.stable_step import largest_stable_time_step
 from jaxsph.state import State
@@ -30,7 +30,10 @@ def run_traced(
         )
     limit = largest_stable_time_step(*jax.lax.stop_gradient((scene, references)), integrator.substeps)
     dt = jnp.asarray(time_step, scene.dtype)
-    state = replace(state, health=state.health.note(dt > limit, UNSTABLE, state.step, dt, limit))
+    health = state.health.note(dt > limit, UNSTABLE, state.step, dt, limit)
+    for structure in scene.structures:
+        health = health.note(~found[structure.name].suffices(structure), OUTGROWN, state.step)
+    state = replace(state, health=health)
     steps, kept = n_saves * n_steps, 2 * sum(leaf.nbytes for leaf in jax.tree.leaves(columns))
     if scene.meets:
         lists = [found[f"{a}-{b}"] for a, b in surroundings.pairs_of(scene)]

@@ -88,7 +88,8 @@ class Trajectory:
         linearly if they are shifted, since they do not follow their velocity then. Their velocities and all other
         fields are linear, because sound makes their slopes rough. Moving walls are where their motion puts them.
 
-        Raises ValueError for times outside the run.
+        Raises ValueError for times outside the run; of a run that is traced, whose times are not known, what would be
+        outside is not a number.
         """
         wanted = np.asarray(times, float)
         n_saved = self.times.shape[0]
@@ -96,6 +97,8 @@ class Trajectory:
             start, every = jnp.asarray(self.times[0]), self.times[1] - self.times[0]
             index = jnp.clip(jnp.floor((wanted - start) / every + 1e-6).astype(int), 0, n_saved - 2)
             fraction = (wanted - start) / every - index
+            slack = 1e-5 + 1e-6 * jnp.abs(self.times[-1]) / every
+            fraction = jnp.where((fraction >= -slack) & (fraction <= 1 + slack), fraction, jnp.nan)
         else:
             saved = np.asarray(self.times, float)
             every = saved[1] - saved[0]

@@ -48,7 +48,7 @@ def check_model(boundary) -> None:
 
 @pytree_dataclass
 class AdamiExtrapolation(WallPressure):
-    """The pressure of the fluid, continued hydrostatically: equation (6) of the poster.
+    """The pressure of the fluid, continued hydrostatically: equation (6) of the poster. Body forces count as gravity.
 
     S. Adami, X. Y. Hu, N. A. Adams (2012), J. Comput. Phys. 231, 7057, eq. (27).
 
@@ -147,7 +147,7 @@ class Wall(System):
         pressure: model of its pressure.
         no_slip: whether viscous fluids stick to it. Without viscosity it has no effect.
         motion: prescribed displacement, motion(t, X (N, d)) -> (N, d) [m], written with jax.numpy; zero at t = 0.
-            None holds it still.
+            None holds it still. It may be made of traced numbers: those that are fitted.
         velocity: (d,) [m/s] of the surface of a wall that stays where it is, such as a sliding lid.
         thickness: of a plate that may be thinner than the support radius of the fluids [m]; they then meet it as if it
             were as thick (see `jaxsph.thin_wall`). None takes it as thick.
@@ -171,6 +171,7 @@ class Wall(System):
             raise ValueError(f"{self.name} has both a motion and a velocity; a moving wall's velocity is its motion's")
         if self.velocity is not None:
             object.__setattr__(self, "velocity", as_real(self.velocity, self.dtype))
+        checks.check_motion(self)
         self.check()
 
     def check(self, prefix: str = "") -> None:

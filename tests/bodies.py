@@ -9,6 +9,7 @@ import numpy as np
 
 import jaxsph as sph
 from jaxsph.dynamics import accelerations, prepare
+from jaxsph.pytree import replace
 from jaxsph.state import to_columns
 
 SPACING = 0.1
@@ -27,6 +28,11 @@ def block(d=2, kind: Any = np.float64, disorder=0.2, on_surface=False, **changes
         "smoothing_length": 1.3 * SPACING,
     }
     return sph.Structure("block", particles, **{**about, **changes})
+
+
+def with_particles(structure: sph.Structure, **changes) -> sph.Structure:
+    """A copy of a structure with other positions or volumes."""
+    return replace(structure, particles=replace(structure.particles, **changes))
 
 
 def beam(kind: Any = np.float64, **changes: Any) -> sph.Scene:

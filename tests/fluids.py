@@ -69,7 +69,7 @@ def sums(scene, found, systems, time=0.0, forward_mode=False):
     if not scene.density.summed:
         rates = density_rates(scene, references, columns, placed, lists, forward_mode=forward_mode)
     pressures = {fluid.name: pressure(fluid, columns[fluid.name]) for fluid in scene.fluids}
-    walls = wall_states(scene, references, columns, placed, pressures, lists, forward_mode=forward_mode)
+    walls = wall_states(scene, references, columns, placed, pressures, lists, time, forward_mode=forward_mode)
     out = forces(scene, references, columns, placed, lists, time, forward_mode=forward_mode)
     out = {name: dict(out.get(name, {})) | walls.get(name, {}) for name in columns}
     for name in columns:

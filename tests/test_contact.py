@@ -9,7 +9,7 @@ import pytest
 
 import jaxsph as sph
 from jaxsph import observe
-from jaxsph.contact import contact_time_step
+from jaxsph.contact import TOUCHING, contact_time_step
 from jaxsph.dynamics import prepare
 from jaxsph.pair_sum import symmetry_error
 
@@ -57,6 +57,18 @@ def block(name, corner, cells=3, **about: Any):
 
 def floor(**about: Any):
     return sph.Wall("floor", sph.box((-0.3, -2 * DX), (0.9, 2 * DX), DX), **about)
+
+
+def test_bodies_that_start_in_touch_across_a_period_push_from_where_they_start():
+    """As the same two do within the box."""
+    inside = sph.Scene(block("a", (0.1, 0)), block("b", (0.1 + 2.6 * DX, 0)), effects=[sph.Contact(0.5, 2e5)])
+    domain = sph.Domain((0, -1), (0.6, 1), (True, False))
+    across = [block("a", (0.6 - 2.8 * DX, 0)), block("b", (-0.2 * DX, 0))]
+    across = sph.Scene(*across, effects=[sph.Contact(0.5, 2e5)], domain=domain)
+    for scene in (inside, across):
+        touching = prepare(scene, sph.topologies(scene))[TOUCHING]
+        assert np.min(touching.reach) == pytest.approx(0.6 * DX)
+        assert float(observe.energies(scene, sph.initial_state(scene))["contact"]) == 0
 
 
 def test_stable_limit_bounds_every_vibration():

@@ -13,6 +13,7 @@ import pytest
 import vtk
 from vtkmodules.util.numpy_support import vtk_to_numpy
 
+import jaxsph as sph
 from jaxsph.files import TrajectoryWriter, fingerprint, hdf5, parameters, read_state, read_trajectory
 from jaxsph.pytree import pytree_dataclass, static
 
@@ -430,3 +431,29 @@ def test_wrong_use_of_the_writer_is_refused(tmp_path):
     with pytest.raises(ValueError, match="writer is closed"):
         writer.append(1.0, {"plate": {"velocity": np.zeros((3, 2))}}, state={"a": np.zeros(2)})
     assert len(read_trajectory(path)[0]) == 1, "what was refused is not in the file"
+
+
+def test_fingerprint_knows_what_functions_are_made_of():
+    """Of motions of scenes, of lambdas, their enclosed numbers and defaults; a wrong one would go on without a word."""
+    marks = [fingerprint(sph.scenes.moving_wall(5, speed=speed))["hash"] for speed in (0.3, 0.5, 0.3)]
+    assert marks[0] == marks[2] != marks[1]
+
+    def scene(amplitude, factor=None):
+        constant = lambda x, t: 0.5 * x if factor is None else factor * x  # noqa: E731
+        enclosed = lambda x, t: amplitude * x  # noqa: E731
+        water = sph.Fluid("water", sph.box((0, 0), (0.4, 0.4), 0.1), 1000.0, 20.0)
+        return sph.Scene(water, effects=[sph.BodyForce(enclosed), sph.BodyForce(constant)])
+
+    marks = [fingerprint(scene(*about))["hash"] for about in ((1.0,), (2.0,), (1.0, 3.0), (1.0,), (np.ones(2),))]
+    assert marks[0] == marks[3] and len(set(marks)) == 4
+
+
+def test_every_field_of_a_state_has_a_unit():
+    from jaxsph.files.units import UNITS
+
+    scene = sph.scenes.dam_break_plate(10, 3, dtype=np.float32)
+    effects = [*scene.effects, sph.ParticleShifting(free_surface=True), sph.AcousticDamper(), sph.TensileControl()]
+    effects = {type(effect): effect for effect in [*effects, sph.DeltaDiffusion()]}.values()
+    state = sph.initial_state(sph.Scene(*scene.systems, effects=list(effects), smoothing_length=scene.smoothing_length))
+    missing = {field for fields in state.systems.values() for field in fields} - set(UNITS)
+    assert not missing

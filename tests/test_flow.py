@@ -45,6 +45,14 @@ def adami(f, pairs):
     return np.sum(weight[..., None] * between(f["velocity"]), axis=1)
 
 
+def monaghan(f, pairs):
+    """(d + 2) V_a V_b (mu_a + mu_b) (v_ab . x_ab) / x_ab^2 grad W."""
+    volume, d = f["m"] / f["rho"], f["velocity"].shape[1]
+    along = np.sum(between(f["velocity"]) * pairs.offset, axis=-1) / np.where(pairs.squared > 0, pairs.squared, 1)
+    weight = (d + 2) * volume[:, None] * volume * (f["mu"][:, None] + f["mu"]) * along
+    return np.sum(weight[..., None] * pairs.gradient, axis=1)
+
+
 def force_of(f):
     return f["m"][:, None] * f["got_acceleration"]
 
@@ -56,10 +64,22 @@ def assert_no_net_force(f):
     assert np.abs(force.sum(axis=0)).max() < 1e-13 * np.abs(force).sum()
 
 
-@pytest.mark.parametrize(("form", "d", "two"), [("volume", 2, True), ("mass", 2, True), ("volume", 3, False)])
-def test_density_rate_and_forces(form, d, two):
+LAWS = {morris: sph.MorrisViscosity(), adami: sph.AdamiViscosity(), monaghan: sph.MonaghanViscosity()}
+
+
+@pytest.mark.parametrize(
+    ("form", "d", "two", "viscous"),
+    [
+        ("volume", 2, True, morris),
+        ("mass", 2, True, adami),
+        ("volume", 3, False, morris),
+        ("volume", 2, True, monaghan),
+        ("mass", 3, False, monaghan),
+    ],
+)
+def test_density_rate_and_forces(form, d, two, viscous):
     """Also between two fluids of different density, sound speed and viscosity."""
-    law, viscous = (sph.AdamiViscosity(), adami) if form == "mass" else (sph.MorrisViscosity(), morris)
+    law = LAWS[viscous]
     f, pairs = evaluated(periodic(d, two=two, density=sph.ContinuityDensity(form), law=law))
     assert np.sum(pairs.w > 0, axis=1).min() > 10
     moving = np.sum(between(f["velocity"]) * pairs.gradient, axis=-1)
@@ -149,6 +169,22 @@ def test_delta_diffusion_leaves_the_forces_alone(form, two):
         # some tens of terms, each with a few roundings of 1e-16
         limit = 1e-14 * np.abs(acceleration).max()
         np.testing.assert_allclose(acceleration, expected[name]["acceleration"], rtol=0, atol=limit)
+
+
+def test_tensile_control():
+    """Where p_a < 0 the force on a has p_b - p_a for p_a + p_b, as far as a is inside."""
+    scene = periodic(effects=[sph.TensileControl()])
+    state = stirred(scene)
+    cover = jnp.asarray(np.random.default_rng(8).uniform(0.7, 1.0, 100))
+    state.systems["water"]["cover"] = cover
+    f, pairs = evaluated(scene, state)
+    x = np.clip((np.asarray(cover) - 0.75) / 0.2, 0, 1)
+    inside, volume = x * x * (3 - 2 * x), f["m"] / f["rho"]
+    assert 20 < np.sum((f["p"] < 0) & (inside > 0)) < 80
+    taken = np.where(f["p"] < 0, inside * 2 * f["p"], 0.0)
+    both = f["p"][:, None] + f["p"] - taken[:, None]
+    pressure = -np.sum((volume[:, None] * volume * both)[..., None] * pairs.gradient, axis=1)
+    assert_equal(force_of(f), pressure + morris(f, pairs))
 
 
 def test_shifting():

@@ -6,6 +6,7 @@ pair turns around, and a finite difference across such a turn is the mean of two
 clipped at zero.
 """
 
+import fluids
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -123,3 +124,32 @@ def test_vortex(which):
 def test_column_in_a_tank():
     """The pressure and the velocity that walls extrapolate, and free surfaces."""
     check(Case(column(sph.ContinuityDensity(), [sph.DeltaDiffusion(0.1)])))
+
+
+@pytest.mark.parametrize("of", ["body force", "motion of a wall", "motion of a clamp"])
+def test_numbers_inside_of_functions(of):
+    """Body forces and motions are made of traced numbers where those are fitted; the scene does not show them."""
+    beam = sph.box((0, 0), (0.2, 0.1), 0.05)
+
+    def scene(a):
+        if of == "motion of a wall":
+            push = lambda t, x: jnp.stack([a * jnp.sin(20 * t) + 0 * x[:, 0], 0 * x[:, 1]], axis=1)  # noqa: E731
+            return fluids.column(motion=push, effects=[])
+        pull, swing = lambda x, t: 30 * a * x, lambda t, x: a * jnp.sin(50 * t) * jnp.ones_like(x)
+        body = sph.Structure(
+            "beam", beam, 1000.0, 1e5, 0.3, lambda x: x[:, 0] < 0.06, swing if of == "motion of a clamp" else None,
+            smoothing_length=0.06,
+        )  # fmt: skip
+        return sph.Scene(body, effects=[sph.BodyForce(pull)] if of == "body force" else [])
+
+    step = 0.5 * sph.stable_time_step(scene(0.05))
+    name = scene(0.05).systems[0].name
+
+    def loss(a):
+        run = sph.simulate(scene(a), 10 * step, 10 * step, time_step=step, max_speed=3.0)
+        return jnp.sum(run.final.systems[name]["velocity"][:, 0] ** 2)
+
+    slopes = [jax.grad(loss)(0.05), jax.jit(jax.grad(loss))(0.05), jax.jvp(loss, (0.05,), (1.0,))[1]]
+    difference = (loss(0.05 + 1e-5) - loss(0.05 - 1e-5)) / 2e-5
+    # 1e-5^2 of the third derivative, and rounding of 1e-16 over the step
+    np.testing.assert_allclose(slopes, difference, rtol=1e-6)

@@ -153,3 +153,25 @@ def test_a_channel_may_be_hardly_longer_than_two_support_radii():
     wide = replace(channel, smoothing_length=cutoff / channel.kernel.support)
     found = sph.topologies(wide)
     assert found["water-water"].skin < found[f"water-{channel.walls[0].name}"].skin < 0.5 * period - cutoff
+
+
+@pytest.mark.parametrize(
+    "effects",
+    [
+        [sph.AcousticDamper(0.5)],
+        [sph.TensileControl()],
+        [sph.ParticleShifting(free_surface=True), sph.TensileControl(), sph.AcousticDamper(0.5)],
+    ],
+    ids=["damper", "tension", "all"],
+)
+def test_diffrax_takes_what_steps_remember_from_the_moment(effects):
+    """Cover and rate of the density are those of the evaluation, whatever they were at the start: small steps agree."""
+    scene = column(effects=effects, velocity=(0.2, 0.0))
+    tight = sph.Diffrax(relative_tolerance=1e-7, absolute_tolerance=1e-8)
+    exact = sph.simulate(scene, 4e-3, integrator=tight).final.systems["water"]
+    errors = []
+    for dt in (2e-4, 1e-4):
+        run = sph.simulate(scene, 4e-3, time_step=dt).final.systems["water"]
+        errors.append(float(np.abs(run["velocity"] - exact["velocity"]).max()))
+    # of first order, by what a step takes from the one before
+    assert errors[1] < 0.7 * errors[0] < 0.7 * 0.02

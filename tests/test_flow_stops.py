@@ -61,7 +61,7 @@ def test_what_is_noted_is_the_array_that_was_too_small(scene, array, needed):
     small = replace(template, capacity=dataclasses.replace(template.capacity, **{array: 2}))
     place = {"water": jnp.asarray(scene["water"].particles.positions).T}
     lists = surroundings.rebuild(scene, {"water-water": small}, place, [("water", "water")])
-    health = surroundings.note(Health.good(scene.dtype), lists, place, 0)
+    health = surroundings.note(scene, Health.good(scene.dtype), lists, place, 0)
     assert int(health.limit) == 2
     assert int(health.number) == np.max(getattr(lists["water-water"], needed)) > 2
 
@@ -181,3 +181,71 @@ def test_what_has_to_be_stated_under_jit(scene):
         jax.jit(lambda c: of(c, time_step=1e-3))(20.0)
     with pytest.raises(ValueError, match="the smoothing length are traced"):
         jax.jit(lambda h: sph.simulate(scene.replace({"smoothing_length": h}), 0.01, time_step=1e-3))(0.075)
+
+
+def test_a_particle_that_left_is_named_where_it_is():
+    """By its number in the scene, not that in memory."""
+    scene = column(domain=((-0.2, -0.2), (0.75, 0.5)), velocity=(0.0, 0.0))
+    velocity = np.zeros((36, 2))
+    velocity[17] = [0.0, 15.0]
+    with pytest.raises(
+        sph.ParticleOutside, match=r": particle 17 of 'water' is at .* m \(1 of its particles"
+    ) as caught:
+        sph.simulate(scene.replace({"water.velocity": velocity}), 0.08, 0.01, time_step=1e-3)
+    assert "reaches from (-0.2, -0.2) to (0.75, 0.5) m" in str(caught.value)
+
+
+def test_what_is_not_a_number_did_not_leave_the_domain(scene):
+    """In a plain run and under jit."""
+    broken = scene.replace({"gravity": (0.0, -9.81)})
+    force = sph.BodyForce(lambda x, t: jnp.where(t > 5e-3, jnp.nan, 0.0) * x)
+    broken = sph.Scene(
+        *scene.systems,
+        effects=[force],
+        domain=scene.domain,
+        smoothing_length=scene.smoothing_length,
+        gravity=(0, -9.81),
+    )
+    with pytest.raises(sph.NotFinite, match="not finite at or before step"):
+        sph.simulate(broken, 0.01, time_step=1e-3)
+    found = sph.topologies(broken)
+    of = lambda mu: sph.simulate(  # noqa: E731
+        broken.replace({"water.viscosity": mu}), 0.01, time_step=1e-3, topologies_of_scene=found, mode="forward"
+    )["water"]["position"]
+    with pytest.raises(RAISED_IN_JIT, match="a field became infinite or not a number"):
+        jax.block_until_ready(jax.jit(of)(1.0))
+
+
+def test_a_smoothing_length_that_outgrows_its_lists_is_noticed():
+    """A plain run makes lists that suffice; a traced one says so, also for a structure. Within the skin both go on."""
+    scene = column(effects=[])
+    found, h = sph.topologies(scene), float(scene.smoothing_length)
+
+    def end(h, found=found):
+        run = sph.simulate(
+            scene.replace({"smoothing_length": h}), 4e-3, time_step=1e-3, topologies_of_scene=found, max_speed=2.0
+        )
+        return run.final.systems["water"]["velocity"]
+
+    for larger in (1.02 * h, 1.3 * h):
+        right = end(larger, sph.topologies(scene.replace({"smoothing_length": larger})))
+        np.testing.assert_allclose(end(larger), right, rtol=0, atol=1e-11 * np.abs(right).max())
+    np.testing.assert_allclose(jax.jit(end)(1.02 * h), end(1.02 * h), rtol=0, atol=1e-11)
+    with pytest.raises(RAISED_IN_JIT, match="largest smoothing length"):
+        jax.block_until_ready(jax.jit(end)(1.3 * h))
+
+
+def test_a_structure_that_outgrows_its_neighbors_is_noticed():
+    body = sph.Structure("block", sph.box((0, 0), (0.4, 0.4), 0.1), 1000.0, 1e6, 0.3)  # .87 spacings, 8 neighbors
+    scene, found = sph.Scene(body), sph.topologies(sph.Scene(body))
+    assert float(found["block"].next_distance) == pytest.approx(0.2)
+
+    def end(h):
+        changed = scene.replace({"block.smoothing_length": h, "block.velocity": (1.0, 0.0)})
+        return sph.simulate(changed, 1e-3, time_step=1e-3, topologies_of_scene=found)["block"]["displacement"]
+
+    assert np.isfinite(jax.jit(end)(0.099)).all()
+    with pytest.raises(RAISED_IN_JIT, match="is larger than that for which its neighbors were found"):
+        jax.block_until_ready(jax.jit(end)(0.11))
+    with pytest.raises(ValueError, match=r"smoothing length of 'block', 0\.11 m, is larger"):
+        end(0.11)

@@ -6,6 +6,9 @@ import pytest
 from fluids import AllPairs, assert_equal, column, stirred, sums
 
 import jaxsph as sph
+from jaxsph import observe
+from jaxsph.geometry import box
+from jaxsph.pytree import replace
 
 H = 0.075  # smoothing length of `column`
 
@@ -120,3 +123,39 @@ def test_other_models_of_walls_turn_water_back(pressure):
     if "density_deviation" in run["tank"]:
         assert np.asarray(run["tank"]["density_deviation"]).max() > 1
     assert np.all(np.isfinite(v))
+
+
+@pytest.mark.parametrize("factor", [None, 0.7])
+def test_a_body_force_is_continued_as_gravity_is(factor):
+    """The same pull, given as the one or as the other: the same pressures of walls, sensors and accelerations."""
+    model = sph.AdamiExtrapolation() if factor is None else sph.BernoulliExtrapolation(factor)
+    fallen = column(pressure=model, effects=[])
+    pulled = sph.Scene(
+        *fallen.systems,
+        effects=[sph.BodyForce(lambda x, t: jnp.array([[0.0], [-9.81 * (1 + t)]]))],
+        domain=fallen.domain,
+        smoothing_length=fallen.smoothing_length,
+    )
+    fallen = fallen.replace({"gravity": (0.0, -9.81 * 1.5)})
+    state, found = stirred(fallen), sph.topologies(fallen)
+    by_gravity, by_force = (sums(scene, found, state.systems, 0.5) for scene in (fallen, pulled))
+    for name, field in (("tank", "pressure"), ("water", "acceleration")):
+        assert_equal(by_force[name][field], by_gravity[name][field])
+    state = replace(state, time=jnp.asarray(0.5))
+    sensor = lambda scene: observe.wall_pressure(scene, state, "tank", [[0.1, 0.0]], normal=(0.0, 1.0))  # noqa: E731
+    np.testing.assert_allclose(sensor(pulled), sensor(fallen), rtol=1e-12)
+
+
+def test_friction_at_a_wall_is_that_of_a_linear_profile():
+    """v = G y in the fluid, at rest at the wall y = 0: no force on the rows beside it, the stress mu G on the wall."""
+    dx, mu, shear = 0.05, 2.0, 3.0
+    profile = lambda x: x[:, ::-1] * [shear, 0.0]  # noqa: E731
+    water = sph.Fluid("water", box((0, 0), (0.6, 0.4), dx), 1000.0, 20.0, mu, velocity=profile)
+    floor = sph.Wall("floor", box((0, -0.2), (0.6, 0.2), dx))
+    scene = sph.Scene(water, floor, domain=sph.Domain((0, -1), (0.6, 1), (True, False)), smoothing_length=1.3 * dx)
+    out = sums(scene, sph.topologies(scene), sph.initial_state(scene).systems)
+    force = np.asarray(out["water"]["acceleration"])[:, 0] * 1000.0 * dx**2 / (mu * shear * 0.6)
+    # The mean of the neighbors stands for the velocity at the wall, which costs .04 of the stress in all. A wall with
+    # its own velocity, or half of the viscosity, transmits half of it.
+    assert np.abs(force.reshape(12, 8).sum(axis=0)[:5]).max() < 0.02
+    assert force.sum() == pytest.approx(-1.0, abs=0.05)

@@ -123,9 +123,8 @@ def test_a_wall_that_cannot_be_is_refused(changes, said):
 
 
 def test_a_motion_of_another_shape_is_refused():
-    wall = basin(motion=lambda t, x: t * jnp.ones(2))
     with pytest.raises(ValueError, match=r"motion of 'tank' returned the shape \(2,\); it must be \(54, 2\)"):
-        sph.initial_state(sph.Scene(water(), wall))
+        basin(motion=lambda t, x: t * jnp.ones(2))
 
 
 def test_placed_gives_the_derivatives_of_the_motion():

@@ -16,6 +16,7 @@ from jaxsph.kernels import (
     WendlandC2,
     WendlandC4,
     WendlandC6,
+    _same_dtype,
 )
 
 KERNELS = [
@@ -121,6 +122,31 @@ def test_second_derivative_against_central_differences(kernel, dim):
         # The third derivative of W jumps at r = 0 (Wendland C2, cubic spline): an error of order step / h.
         np.testing.assert_allclose(of_gradient[:-1, :, axis], difference[:-1], rtol=0, atol=1e-8 * scale)
         np.testing.assert_allclose(of_gradient[-1, :, axis], difference[-1], rtol=0, atol=1e-4 * scale)
+
+
+@every_dim
+@pytest.mark.parametrize(
+    ("kernel", "knots"),
+    [(CubicSpline(), (1.0,)), (QuarticSpline(), (0.5, 1.5)), (QuinticSpline(), (1.0, 2.0))],
+    ids=lambda value: type(value).__name__,
+)
+def test_second_derivative_at_the_knots(kernel, knots, dim):
+    """Where pairs of a lattice are that is as wide as h: the pieces join there, and so must what AD makes of them."""
+    along = lambda r, h: kernel.gradient(jnp.zeros(dim).at[0].set(r), h)[0]  # noqa: E731
+    for knot in knots:
+        at, step = jnp.asarray(knot * 1.0), 1e-6
+        for argument, place in ((0, (at, 1.0)), (1, (at, 1.0))):
+            slope = jax.grad(along, argument)(*map(jnp.asarray, place))
+            ends = [[value + sign * step * (i == argument) for i, value in enumerate(place)] for sign in (1, -1)]
+            difference = (along(*ends[0]) - along(*ends[1])) / (2 * step)
+            # the next derivative may jump: a step of it
+            np.testing.assert_allclose(slope, difference, atol=1e-5 * abs(float(along(at, 1.0))) + 1e-9, rtol=1e-5)
+
+
+@pytest.mark.parametrize("kind", [np.int32, np.int64])
+def test_whole_numbers_do_not_round_the_smoothing_length(kind):
+    offset, h = _same_dtype(np.array([1, 0], kind), 1.5)
+    assert jnp.issubdtype(offset.dtype, jnp.floating) and float(h) == 1.5
 
 
 @every_kernel

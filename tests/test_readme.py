@@ -5,6 +5,7 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -48,6 +49,23 @@ def test_example_runs(tmp_path):
     assert names["fit"]["beam.youngs_modulus"] == pytest.approx(1.4e6, rel=0.2)
     assert names["fit"].verdict == "identifiable"
     assert (tmp_path / "fit.png").stat().st_size > 0
+
+
+def test_scene_of_ones_own_runs(tmp_path):
+    page = (ROOT / "docs" / "fluids.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    code = smaller(
+        code,
+        {"dx, length, depth, g = 0.02,": "dx, length, depth, g = 0.05,", "t_end=2.0": "t_end=0.1",
+         '"sloshing.vtkhdf"': repr(str(tmp_path / "sloshing.vtkhdf")), "progress=True": "progress=False"},
+    )  # fmt: skip
+    names: dict = {}
+    exec(compile(code, "fluids.md", "exec"), names)
+    water, tank = names["run"]["water"]["position"], names["run"]["tank"]["position"]
+    # the tank goes by .02 (1 - cos .4) m, and the water within it
+    assert float(tank[-1, 0, 0] - tank[0, 0, 0]) == pytest.approx(0.02 * (1 - np.cos(0.4)), rel=1e-4)
+    assert np.asarray(water)[-1, :, 1].min() > 0
+    assert (tmp_path / "sloshing.vtkhdf").stat().st_size > 0
 
 
 def test_links_lead_somewhere():

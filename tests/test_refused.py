@@ -1,5 +1,6 @@
 """What a scene, a law, a geometry or an observer refuses, with the value, the limit and the cure."""
 
+import inspect
 from typing import Any
 
 import jax
@@ -9,7 +10,7 @@ import pytest
 
 import jaxsph as sph
 from jaxsph import observe, scenes
-from jaxsph.checks import check_kind
+from jaxsph.checks import check_kind, check_motion
 from jaxsph.geometry import box, tank
 from jaxsph.materials import MorrisViscosity, ViscosityLaw
 
@@ -154,3 +155,128 @@ def test_a_light_fluid_on_a_heavy_one_is_stable_at_the_default_step(light):
     run = sph.simulate(scene, 300 * step, time_step=step)
     # it settles; free fall for that long would be 2 to 3 m/s
     assert all(np.abs(run[name]["velocity"][-1]).max() < 0.7 for name in ("heavy", "light"))
+
+
+def block(**about: Any):
+    about = {"density": 1000.0, "youngs_modulus": 1e6, "poisson_ratio": 0.3, **about}
+    return sph.Structure("block", box((0, 0), (0.4, 0.4), SPACING), **about)
+
+
+def away(t, x):
+    return jnp.full_like(x, 0.05) * jnp.cos(t)
+
+
+OF_PARTS = {
+    "particles of unlike spacings on a surface": (
+        lambda: box((0, 0), (0.2, 0.2), 0.1, on_surface=True) | box((0.3, 0), (0.2, 0.2), 0.05),
+        r"spacings of 0\.1 and 0\.05 m, .* cannot be joined",
+    ),
+    "a motion of nobody": (lambda: block(motion=away), "none is clamped"),
+    "a motion that begins elsewhere": (
+        lambda: block(motion=away, clamped=lambda x: x[:, 0] < 0.1),
+        r"block\.motion displaces particles by 0\.05 m at t = 0",
+    ),
+    "a wall that begins elsewhere": (
+        lambda: sph.Wall("tank", tank((0, 0), (0.4, 0.6), SPACING, 4), motion=away),
+        r"tank\.motion displaces particles by 0\.05 m",
+    ),
+    "two laws of viscosity": (
+        lambda: sph.Scene(
+            water(viscosity=1.0),
+            sph.Fluid(
+                "oil", box((0, 0.4), (0.4, 0.2), SPACING), 800.0, 20.0, 1.0, viscosity_law=sph.MonaghanViscosity()
+            ),
+        ),
+        "one law of viscosity, or forces are not opposite",
+    ),
+    "a smoothing length below the spacing": (
+        lambda: sph.Scene(water(), smoothing_length=0.05),
+        r"0\.05 m is 0\.5 spacings of 'water'",
+    ),
+    "a tuple for a domain": (lambda: sph.Scene(water(), domain=((0, 0), (1, 1))), "not a Domain"),
+}
+
+
+@pytest.mark.parametrize("case", OF_PARTS)
+def test_parts_that_do_not_fit_are_refused(case):
+    make, said = OF_PARTS[case]
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+def test_a_motion_that_is_a_number_is_refused():
+    class Tank:
+        name, motion = "tank", 3.0
+
+    with pytest.raises(ValueError, match=r"tank\.motion = 3\.0 is not a function"):
+        check_motion(Tank())
+
+
+def test_one_smoothing_length_serves_the_coarser_of_two_fluids():
+    """A divergence of 2 comes out as 2 in both; with 1.5 spacings of the finer one it would be 1.3 in the coarser."""
+    coarse = sph.Fluid("coarse", box((0, 0), (1, 0.8), 0.1), 1000.0, 20.0)
+    fine = sph.Fluid("fine", box((1, 0), (0.4, 0.8), 0.05), 1000.0, 20.0)
+    assert float(sph.Scene(coarse, fine).smoothing_length) == pytest.approx(0.15)
+
+
+def test_substeps_without_a_fluid_are_refused():
+    with pytest.raises(ValueError, match=r"substeps = 7: structures take substeps beside fluids, .* has no fluids"):
+        sph.simulate(sph.Scene(block()), 0.01, integrator=sph.KickDriftKick(7))
+    with pytest.raises(ValueError, match="has no structures"):
+        sph.simulate(sph.Scene(water()), 0.01, integrator=sph.KickDriftKick({"block": 7}))
+
+
+def test_scene_keeps_its_precision_whatever_its_laws_are_given():
+    """float64 numbers of laws would take a float32 run with them."""
+    cole = sph.Cole(np.float64(7.0), np.float64(0.0))
+    tank32 = tank((0, 0), (0.4, 0.6), SPACING, 4, dtype=np.float32)
+    fluid = sph.Fluid("water", box((0, 0), (0.4, 0.4), SPACING, dtype=np.float32), 1000.0, 20.0, state_equation=cole)
+    wall = sph.Wall("tank", tank32, sph.BernoulliExtrapolation(np.float64(0.5)))
+    scene = sph.Scene(fluid, wall, density=sph.EDAC(np.float64(0.5), free_surface=True))
+    wide = [leaf for leaf in jax.tree.leaves(scene) if getattr(leaf, "dtype", None) == np.float64]
+    assert not wide
+    assert sph.simulate(scene, 1e-3).final.systems["water"]["position"].dtype == np.float32
+
+
+def test_particles_of_ones_own_are_taken_in_jaxs_precision():
+    """As lists, too; whole numbers become lengths."""
+    cloud = sph.Particles([[0, 0], [1, 0], [0, 1]], [1, 1, 1], 1.0)
+    assert cloud.positions.dtype == cloud.volumes.dtype == np.dtype(jnp.zeros(()).dtype)
+    there = box((0, 0), (0.2, 0.2), 0.1, dtype=np.float32).moved((0.4, 0.2))
+    assert there.positions.dtype == np.float32
+    np.testing.assert_allclose(there.positions.min(axis=0), [0.45, 0.25], rtol=1e-6)
+    with pytest.raises(ValueError, match=r"not 'water' in 2D, float64, 'tank' in 2D, float32; make"):
+        sph.Scene(water(), sph.Wall("tank", tank((0, 0), (0.4, 0.6), SPACING, 4, dtype=np.float32)))
+
+
+def test_a_period_shorter_than_what_fills_it_is_refused():
+    long = sph.Fluid("water", box((0, 0), (0.9, 0.4), SPACING), 1000.0, 20.0)
+    sph.topologies(sph.Scene(long, domain=sph.Domain((0, -1), (0.9, 1), (True, False))))
+    short = sph.Scene(long, domain=sph.Domain((0, -1), (0.8, 1), (True, False)))
+    with pytest.raises(ValueError, match=r"4 pairs of particles of 'water' are at one place through the period"):
+        sph.topologies(short)
+
+
+def test_two_forms_of_one_diffusion_are_refused():
+    with pytest.raises(ValueError, match="two forms of one effect"):
+        sph.Scene(water(), effects=[sph.DensityDiffusion(), sph.DeltaDiffusion()])
+
+
+def test_a_polygon_that_crosses_itself_is_refused():
+    with pytest.raises(ValueError, match="edges 0 and 2 of the polygon cross"):
+        sph.polygon([(0, 0), (1, 1), (1, 0), (0, 0.7)], 0.1)
+    star = [(np.cos(a) * r, np.sin(a) * r) for a, r in zip(np.arange(10) * np.pi / 5, [1, 0.4] * 5, strict=True)]
+    assert len(sph.polygon(star, 0.05)) > 100
+
+
+@pytest.mark.parametrize("integrator", ["Tsit5", sph.KickDriftKick, None])
+def test_what_is_no_integrator_is_refused(integrator):
+    with pytest.raises(ValueError, match=r"must be KickDriftKick\(\) or Diffrax"):
+        inspect.unwrap(sph.simulate)(sph.Scene(water()), 0.01, integrator=integrator)  # tests check types before
+
+
+def test_a_class_for_a_solver_is_refused():
+    import diffrax
+
+    with pytest.raises(ValueError, match=r"is a class; call it: Diffrax\(diffrax.Tsit5\(\)\)"):
+        sph.Diffrax(diffrax.Tsit5)

@@ -22,7 +22,7 @@ def rates_of_pressure(scene, state, found=None):
     references, columns = prepare(scene, found), to_columns(state.systems, found)
     placed = place_boundaries(scene, references, columns, 0.0)
     lists = rebuild(scene, found, positions_of(scene, columns, placed))
-    rates = pressure_rates(scene, references, columns, placed, lists)
+    rates = pressure_rates(scene, references, columns, placed, lists, time=0.0)
     return {name: rows["rate"] for name, rows in to_rows({k: {"rate": v} for k, v in rates.items()}, found).items()}
 
 
@@ -71,6 +71,23 @@ def test_edac_pressure_rate_and_force_are_the_sums_of_the_papers():
     mean = (rho * p[:, None] + rho[:, None] * p) / (rho + rho[:, None])
     force = -np.sum(((squares[:, None] + squares) * mean)[..., None] * pairs.gradient, axis=1)
     assert_equal(m * np.asarray(out["acceleration"]), force)
+
+
+def test_edac_pressure_is_carried_with_the_shift():
+    """dv . grad p as differences, half of the shifts of both."""
+    scene = periodic(density=sph.EDAC(0.7), effects=[sph.ParticleShifting(2.0)])
+    rng, state = np.random.default_rng(0), stirred(scene)
+    p, shift = rng.uniform(-1, 1, 100), rng.uniform(-1, 1, (100, 2))
+    state = with_fields(state, "water", pressure=jnp.asarray(p), shift=jnp.asarray(shift))
+    still = with_fields(state, "water", shift=jnp.zeros((100, 2)))
+    carried = rates_of_pressure(scene, state)["water"] - rates_of_pressure(scene, still)["water"]
+    fields = state.systems["water"]
+    x = np.asarray(fields["position"])
+    pairs, m = AllPairs(x, x, SMOOTHING[2], 1.0), float(scene["water"].mass())
+    volume = m / (1.3 + np.asarray(fields["density_deviation"]))
+    along = 0.5 * np.sum((shift[:, None] + shift) * pairs.gradient, axis=-1)
+    # a difference of rates a hundred times as large
+    assert_equal(np.asarray(carried), -(along * (p[:, None] - p)) @ volume, 1e-10)
 
 
 def test_edac_diffusion_conserves_the_pressure_between_particles():

@@ -8,12 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from bodies import beam, block
+from bodies import beam, block, with_particles
 
 import jaxsph as sph
 from jaxsph import checks, pytree
 from jaxsph.files import read_state, read_trajectory
-from jaxsph.structure import with_particles
 
 FIELDS = ("displacement", "velocity", "acceleration")
 REFERENCE = Path(__file__).parent / "reference"

@@ -7,12 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from bodies import SPACING, block, in_columns, in_rows
+from bodies import SPACING, block, in_columns, in_rows, with_particles
 from scipy.spatial.transform import Rotation
 
 import jaxsph as sph
 from jaxsph.elastic_forces import displacement_gradient, elastic_acceleration
-from jaxsph.structure import reference, topology, with_particles
+from jaxsph.structure import reference, topology
 
 in_2d_and_3d = pytest.mark.parametrize("d", [2, 3])
 # Rounding of about 1e-16 and 6e-8, times the hundred or so by which the sums over neighbors amplify it: the

@@ -177,3 +177,28 @@ def test_pictures_of_what_is_not_there_are_refused(swing, tmp_path):
         plot.snapshot(swing, "beam", index=3)
     with pytest.raises(KeyError, match="no system is called 'plate'"):
         swing.animate(tmp_path / "a.gif", "plate")
+
+
+def test_a_traced_run_has_no_numbers_outside_of_its_times():
+    """Where a plain one raises: its times are not known."""
+    scene = sph.Scene(sph.Structure("block", sph.box((0, 0), (0.3, 0.3), 0.1), 1000.0, 1e6, 0.3, velocity=(1.0, 0.0)))
+
+    def places(gravity):
+        run = sph.simulate(scene.replace({"gravity": gravity}), 0.004, 0.001, time_step=1e-3)
+        return run.at([0.002, 0.004, 0.0041]).states.systems["block"]["displacement"]
+
+    found = jax.jit(places)(jnp.zeros(2))
+    np.testing.assert_allclose(found[:2, :, 0], np.broadcast_to([[0.002], [0.004]], (2, 9)), rtol=1e-9)
+    assert np.isnan(found[2]).all()
+
+
+def test_the_clock_does_not_drift_with_the_number_of_saves():
+    """Motions and forces read it. Also of a run that is continued, with the same bits."""
+    ball = sph.RigidBody("ball", sph.ball((0, 0), 0.1, 0.05, dtype=np.float32), 1000.0)
+    scene = sph.Scene(ball)
+    run = sph.simulate(scene, 0.3, 3e-5, time_step=3e-5)
+    # a rounding of the last time, and one of the step in all 10,000; without the remainder it is off by 2e-5
+    assert abs(float(run.times[-1]) - 0.3) < 0.3 * 2e-7
+    half = sph.simulate(scene, 0.15, 3e-5, time_step=3e-5)
+    rest = sph.simulate(scene, 0.15, 3e-5, time_step=3e-5, state=half.final)
+    np.testing.assert_array_equal(np.asarray(rest.times), np.asarray(run.times)[5000:])

@@ -29,7 +29,9 @@ from IPython.display import Image
 import inverse
 import jaxsph as sph
 
-sys.path.insert(0, "../../examples")
+sys.path.insert(
+    0, str(Path(globals().get("__file__", "x")).resolve().parents[2] / "examples")
+)  # or the notebook's folder
 import calibrate_beam
 
 # %% [markdown]

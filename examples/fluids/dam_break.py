@@ -31,7 +31,7 @@ def main(particles=28, t_end=0.8, depth=None, out=None, picture=None):
     for when, where in zip(MEASURED_T, MEASURED_Z, strict=True):
         if when * unit <= t_end and where < 3.8:
             print(f"front at T = {when:.2f}: Z = {np.interp(when * unit, run.times, front):.2f}, measured {where:.2f}")
-    draw(run, np.asarray(run.times) / unit, front, picture or f"docs/images/fluids/dam_break_{scene.dimension}d.png")
+    draw(run, np.asarray(run.times) / unit, front, picture or f"out/dam_break_{scene.dimension}d.png")
     return run
 
 

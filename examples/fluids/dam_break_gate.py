@@ -15,7 +15,7 @@ import jaxsph as sph
 from jaxsph import observe, plot
 
 
-def main(spacing=0.0125, t_end=0.36, out=None, picture="docs/images/fluids/dam_break_gate.png"):
+def main(spacing=0.0125, t_end=0.36, out=None, picture="out/dam_break_gate.png"):
     """Run the gate with particles at this spacing [m] to t_end [s]; return the run."""
     scene = sph.scenes.dam_break_gate(spacing)
     free = sph.Scene(
@@ -46,5 +46,5 @@ if __name__ == "__main__":
     parser.add_argument("--spacing", type=float, default=0.0125, help="[m], a divisor of 0.2 (0.0125)")
     parser.add_argument("--t-end", type=float, default=0.36, help="[s] (0.36)")
     parser.add_argument("--out", help="VTKHDF file to write")
-    parser.add_argument("--picture", default="docs/images/fluids/dam_break_gate.png")
+    parser.add_argument("--picture", default="out/dam_break_gate.png")
     main(**vars(parser.parse_args()))

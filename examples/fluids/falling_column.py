@@ -17,7 +17,7 @@ from jaxsph import observe, plot
 DROP, POOL, HEIGHT, WIDTH, GRAVITY = 0.2, 0.1, 0.4, 0.2, 9.81
 
 
-def main(particles=24, t_end=0.7, out=None, picture="docs/images/fluids/falling_column.png"):
+def main(particles=24, t_end=0.7, out=None, picture="out/falling_column.png"):
     """Run the fall with `particles` over the height of the column to t_end [s]; return the run."""
     scene = sph.scenes.falling_column(particles, height=HEIGHT, width=WIDTH, drop=DROP, pool=POOL)
     # The jets of the impact are several times faster than the column: half the largest stable step.
@@ -42,5 +42,5 @@ if __name__ == "__main__":
     parser.add_argument("--particles", type=int, default=24, help="over the height of the column (24)")
     parser.add_argument("--t-end", type=float, default=0.7, help="[s] (0.7)")
     parser.add_argument("--out", help="VTKHDF file to write")
-    parser.add_argument("--picture", default="docs/images/fluids/falling_column.png")
+    parser.add_argument("--picture", default="out/falling_column.png")
     main(**vars(parser.parse_args()))

@@ -19,7 +19,7 @@ GHIA_Y = (0.0, 0.0547, 0.1016, 0.1719, 0.2813, 0.4531, 0.5, 0.6172, 0.7344, 0.85
 GHIA_U = (0, -0.03717, -0.06434, -0.1015, -0.15662, -0.2109, -0.20581, -0.13641, 0.00332, 0.23151, 0.68717, 0.84123, 1)
 
 
-def main(particles=32, t_end=10.0, out=None, picture="docs/images/fluids/lid_driven_cavity.png"):
+def main(particles=32, t_end=10.0, out=None, picture="out/lid_driven_cavity.png"):
     """Run the cavity with `particles` along an edge to t_end [s]; return the run."""
     scene = sph.scenes.lid_driven_cavity(particles, reynolds=100.0)
     run = sph.simulate(scene, t_end, t_end / 50, progress=True, out=out)
@@ -49,5 +49,5 @@ if __name__ == "__main__":
     parser.add_argument("--particles", type=int, default=32, help="along an edge (32)")
     parser.add_argument("--t-end", type=float, default=10.0, help="[s] (10)")
     parser.add_argument("--out", help="VTKHDF file to write")
-    parser.add_argument("--picture", default="docs/images/fluids/lid_driven_cavity.png")
+    parser.add_argument("--picture", default="out/lid_driven_cavity.png")
     main(**vars(parser.parse_args()))

@@ -18,7 +18,7 @@ from jaxsph import observe, plot
 DEPTH, LENGTH, GRAVITY = 0.5, 4.0, 9.81
 
 
-def main(particles=12, t_end=1.2, speed=0.6, out=None, picture="docs/images/fluids/moving_wall.png"):
+def main(particles=12, t_end=1.2, speed=0.6, out=None, picture="out/moving_wall.png"):
     """Run the wall at `speed` [m/s], with `particles` over the depth, to t_end [s]; return the run."""
     scene = sph.scenes.moving_wall(particles, depth=DEPTH, length=LENGTH, speed=speed)
     run = sph.simulate(scene, t_end, t_end / 40, progress=True, out=out)
@@ -44,5 +44,5 @@ if __name__ == "__main__":
     parser.add_argument("--t-end", type=float, default=1.2, help="[s] (1.2)")
     parser.add_argument("--speed", type=float, default=0.6, help="of the wall [m/s] (0.6)")
     parser.add_argument("--out", help="VTKHDF file to write")
-    parser.add_argument("--picture", default="docs/images/fluids/moving_wall.png")
+    parser.add_argument("--picture", default="out/moving_wall.png")
     main(**vars(parser.parse_args()))

@@ -25,7 +25,7 @@ def exact(times):
     return solve_ivp(slopes, (0, times[-1]), [RATE, 1, 1], t_eval=times, rtol=1e-9, atol=1e-9).y[1:]
 
 
-def main(particles=20, t_end=4.6, out=None, picture="docs/images/fluids/oscillating_drop.png"):
+def main(particles=20, t_end=4.6, out=None, picture="out/oscillating_drop.png"):
     """Run the drop with `particles` along its radius to t_end [s], a period by default; return the run."""
     scene = sph.scenes.oscillating_drop(particles, rate=RATE, frequency=FREQUENCY)
     run = sph.simulate(scene, t_end, t_end / 80, progress=True, out=out)
@@ -55,5 +55,5 @@ if __name__ == "__main__":
     parser.add_argument("--particles", type=int, default=20, help="along the radius (20)")
     parser.add_argument("--t-end", type=float, default=4.6, help="[s] (4.6)")
     parser.add_argument("--out", help="VTKHDF file to write")
-    parser.add_argument("--picture", default="docs/images/fluids/oscillating_drop.png")
+    parser.add_argument("--picture", default="out/oscillating_drop.png")
     main(**vars(parser.parse_args()))

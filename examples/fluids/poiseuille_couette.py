@@ -25,7 +25,7 @@ def exact(flow, y, time):
     return TOP * (4 * s * (1 - s) - np.sum((n % 2) * 32 / (n * np.pi) ** 3 * np.sin(n * np.pi * s) * decay, axis=0))
 
 
-def main(particles=20, t_end=0.8, out=None, picture="docs/images/fluids/poiseuille_couette.png"):
+def main(particles=20, t_end=0.8, out=None, picture="out/poiseuille_couette.png"):
     """Run both flows with `particles` across to t_end [s]; return the runs by name."""
     runs = {}
     for flow in ("poiseuille", "couette"):
@@ -53,5 +53,5 @@ if __name__ == "__main__":
     parser.add_argument("--particles", type=int, default=20, help="across the channel (20)")
     parser.add_argument("--t-end", type=float, default=0.8, help="[s] (0.8)")
     parser.add_argument("--out", help="VTKHDF file to write, with {} for the flow")
-    parser.add_argument("--picture", default="docs/images/fluids/poiseuille_couette.png")
+    parser.add_argument("--picture", default="out/poiseuille_couette.png")
     main(**vars(parser.parse_args()))

@@ -15,7 +15,7 @@ import jaxsph as sph
 from jaxsph import observe, plot
 
 
-def main(particles=40, t_end=3.0, out=None, picture="docs/images/fluids/rotating_square.png"):
+def main(particles=40, t_end=3.0, out=None, picture="out/rotating_square.png"):
     """Run the square with `particles` along an edge to t_end [s], at 1 rad/s; return the run."""
     scene = sph.scenes.rotating_square(particles)
     run = sph.simulate(scene, t_end, t_end / 30, progress=True, out=out)
@@ -36,5 +36,5 @@ if __name__ == "__main__":
     parser.add_argument("--particles", type=int, default=40, help="along an edge (40)")
     parser.add_argument("--t-end", type=float, default=3.0, help="[s] (3)")
     parser.add_argument("--out", help="VTKHDF file to write")
-    parser.add_argument("--picture", default="docs/images/fluids/rotating_square.png")
+    parser.add_argument("--picture", default="out/rotating_square.png")
     main(**vars(parser.parse_args()))

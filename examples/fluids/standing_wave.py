@@ -20,7 +20,7 @@ DEPTH, REYNOLDS, K = 1.0, 250.0, np.pi
 FREQUENCY = np.sqrt(9.81 * K * np.tanh(K * DEPTH))  # rad/s
 
 
-def main(particles=20, t_end=4.6, out=None, picture="docs/images/fluids/standing_wave.png"):
+def main(particles=20, t_end=4.6, out=None, picture="out/standing_wave.png"):
     """Run the wave with `particles` over the depth to t_end [s]; return the run."""
     scene = sph.scenes.standing_wave(particles, reynolds=REYNOLDS, effects=[sph.DeltaDiffusion(0.1)])
     run = sph.simulate(scene, t_end, t_end / 160, progress=True, out=out)
@@ -54,5 +54,5 @@ if __name__ == "__main__":
     parser.add_argument("--particles", type=int, default=20, help="over the depth (20)")
     parser.add_argument("--t-end", type=float, default=4.6, help="[s] (4.6)")
     parser.add_argument("--out", help="VTKHDF file to write")
-    parser.add_argument("--picture", default="docs/images/fluids/standing_wave.png")
+    parser.add_argument("--picture", default="out/standing_wave.png")
     main(**vars(parser.parse_args()))

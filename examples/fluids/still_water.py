@@ -18,7 +18,7 @@ from jaxsph import observe, plot
 HEIGHT, SCALE = 0.9, 1000 * 9.81 * 0.9  # m; Pa on the floor
 
 
-def main(particles=20, t_end=2.0, out=None, picture="docs/images/fluids/still_water.png"):
+def main(particles=20, t_end=2.0, out=None, picture="out/still_water.png"):
     """Run tank and column with `particles` over the height to t_end [s]; return the runs by name."""
     dx, width = HEIGHT / particles, round(particles / 4) * HEIGHT / particles
     narrow = sph.scenes.column_in_tank((width, HEIGHT), (width, round(1.2 * particles) * dx), dx, hydrostatic=False)
@@ -56,5 +56,5 @@ if __name__ == "__main__":
     parser.add_argument("--particles", type=int, default=20, help="over the height (20)")
     parser.add_argument("--t-end", type=float, default=2.0, help="[s] (2)")
     parser.add_argument("--out", help="VTKHDF file to write, with {} for the name")
-    parser.add_argument("--picture", default="docs/images/fluids/still_water.png")
+    parser.add_argument("--picture", default="out/still_water.png")
     main(**vars(parser.parse_args()))

@@ -32,7 +32,7 @@ def main(particles=40, t_end=1.0, dimension=2, out=None, picture=None):
         speed = np.hypot(np.cos(x) * np.sin(y), np.sin(x) * np.cos(y)) * np.exp(-8 * np.pi**2 * t_end / REYNOLDS)
         found = np.linalg.norm(np.asarray(run.final.systems["water"]["velocity"], float), axis=1)
         print(f"relative L1 error of the speed: {100 * np.sum(np.abs(found - speed)) / np.sum(speed):.2f} %")
-    draw(run, times, energy, exact, known, picture or f"docs/images/fluids/taylor_green_{dimension}d.png")
+    draw(run, times, energy, exact, known, picture or f"out/taylor_green_{dimension}d.png")
     return run
 
 

@@ -17,9 +17,7 @@ from jaxsph import plot
 THICK: dict = {"thickness": 0.04, "youngs_modulus": 3.5e5, "place": 0.56}
 
 
-def main(
-    spacing=0.01, thick=False, t_end=0.6, out=None, animation=None, picture="docs/images/fsi/dam_break_gate_plate.png"
-):
+def main(spacing=0.01, thick=False, t_end=0.6, out=None, animation=None, picture="out/dam_break_gate_plate.png"):
     """Run with water at this spacing [m] to t_end [s]; return the run."""
     scene = sph.scenes.dam_break_gate_plate(spacing, **(THICK if thick else {}), dtype=np.float32)
     print(scene)
@@ -42,5 +40,5 @@ if __name__ == "__main__":
     parser.add_argument("--t-end", type=float, default=0.6, help="[s] (0.6)")
     parser.add_argument("--out", help="VTKHDF file to write")
     parser.add_argument("--animation", help="GIF to write")
-    parser.add_argument("--picture", default="docs/images/fsi/dam_break_gate_plate.png")
+    parser.add_argument("--picture", default="out/dam_break_gate_plate.png")
     main(**vars(parser.parse_args()))

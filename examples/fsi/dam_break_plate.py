@@ -27,7 +27,7 @@ def published():
     return {name: np.array(sorted(points)).T for name, points in curves.items()}
 
 
-def main(particles=20, across=5, t_end=0.7, out=None, animation=None, picture="docs/images/fsi/dam_break_plate.png"):
+def main(particles=20, across=5, t_end=0.7, out=None, animation=None, picture="out/dam_break_plate.png"):
     """Run with this many particles over the width of the column; return the run."""
     import matplotlib.pyplot as plt
 
@@ -63,5 +63,5 @@ if __name__ == "__main__":
     parser.add_argument("--t-end", type=float, default=0.7, help="[s] (0.7)")
     parser.add_argument("--out", help="VTKHDF file to write")
     parser.add_argument("--animation", help="GIF to write")
-    parser.add_argument("--picture", default="docs/images/fsi/dam_break_plate.png")
+    parser.add_argument("--picture", default="out/dam_break_plate.png")
     main(**vars(parser.parse_args()))

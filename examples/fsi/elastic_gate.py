@@ -27,7 +27,7 @@ def measured():
 
 def main(
     particles=40, across=5, youngs_modulus=7.8e6, t_end=0.4, out=None, animation=None,
-    picture="docs/images/fsi/elastic_gate.png",
+    picture="out/elastic_gate.png",
 ):  # fmt: skip
     """Run with this many particles over the width of the water; return the run."""
     import matplotlib.pyplot as plt
@@ -70,5 +70,5 @@ if __name__ == "__main__":
     parser.add_argument("--t-end", type=float, default=0.4, help="[s] (0.4)")
     parser.add_argument("--out", help="VTKHDF file to write")
     parser.add_argument("--animation", help="GIF to write")
-    parser.add_argument("--picture", default="docs/images/fsi/elastic_gate.png")
+    parser.add_argument("--picture", default="out/elastic_gate.png")
     main(**vars(parser.parse_args()))

@@ -12,9 +12,7 @@ import jaxsph as sph
 from jaxsph import plot
 
 
-def main(
-    particles=10, across=5, t_end=0.3, out=None, animation=None, picture="docs/images/fsi/falling_column_on_beam.png"
-):
+def main(particles=10, across=5, t_end=0.3, out=None, animation=None, picture="out/falling_column_on_beam.png"):
     """Run with this many particles over the width of the column to t_end [s]; return the run."""
     scene = sph.scenes.falling_column_on_beam(particles, across, dtype=np.float32)
     print(scene)
@@ -37,5 +35,5 @@ if __name__ == "__main__":
     parser.add_argument("--t-end", type=float, default=0.3, help="[s] (0.3)")
     parser.add_argument("--out", help="VTKHDF file to write")
     parser.add_argument("--animation", help="GIF to write")
-    parser.add_argument("--picture", default="docs/images/fsi/falling_column_on_beam.png")
+    parser.add_argument("--picture", default="out/falling_column_on_beam.png")
     main(**vars(parser.parse_args()))

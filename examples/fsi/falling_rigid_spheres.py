@@ -12,7 +12,7 @@ import jaxsph as sph
 from jaxsph import plot
 
 
-def main(spacing=0.025, t_end=1.0, out=None, animation=None, picture="docs/images/fsi/falling_rigid_spheres.png"):
+def main(spacing=0.025, t_end=1.0, out=None, animation=None, picture="out/falling_rigid_spheres.png"):
     """Run the fall with particles at this spacing [m] to t_end [s]; return the run."""
     scene = sph.scenes.falling_rigid_spheres(spacing, dtype=np.float32)
     print(scene)
@@ -37,5 +37,5 @@ if __name__ == "__main__":
     parser.add_argument("--t-end", type=float, default=1.0, help="[s] (1)")
     parser.add_argument("--out", help="VTKHDF file to write")
     parser.add_argument("--animation", help="GIF to write")
-    parser.add_argument("--picture", default="docs/images/fsi/falling_rigid_spheres.png")
+    parser.add_argument("--picture", default="out/falling_rigid_spheres.png")
     main(**vars(parser.parse_args()))

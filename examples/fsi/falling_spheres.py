@@ -15,7 +15,7 @@ import numpy as np
 import jaxsph as sph
 from jaxsph import plot
 
-PICTURE = "docs/images/fsi/falling_spheres_{}d.png"
+PICTURE = "out/falling_spheres_{}d.png"
 
 
 def main(spacing=0.025, t_end=1.0, dimension=2, out=None, animation=None, picture=None):

@@ -17,7 +17,7 @@ from jaxsph import plot
 STATIC = -7.262081221520517e-05  # m, finite elements (Q9, plane strain), in the middle of the plate
 
 
-def main(across=5, t_end=0.3, out=None, animation=None, picture="docs/images/fsi/water_column_on_plate.png"):
+def main(across=5, t_end=0.3, out=None, animation=None, picture="out/water_column_on_plate.png"):
     """Run with this many particles over the thickness of the plate; return the run."""
     import matplotlib.pyplot as plt
 
@@ -49,5 +49,5 @@ if __name__ == "__main__":
     parser.add_argument("--t-end", type=float, default=0.3, help="[s] (0.3)")
     parser.add_argument("--out", help="VTKHDF file to write")
     parser.add_argument("--animation", help="GIF to write")
-    parser.add_argument("--picture", default="docs/images/fsi/water_column_on_plate.png")
+    parser.add_argument("--picture", default="out/water_column_on_plate.png")
     main(**vars(parser.parse_args()))

@@ -95,7 +95,7 @@ def recommend(
         rows.append(row)
         seen.append(observed)
         if show:
-            print(line(Results(tuple(rows)), row), flush=True)
+            print(line(row), flush=True)
     runs = Results(tuple(rows), study.resolution, study.title)
     if blind:
         law = error_of_differences(n, seen)

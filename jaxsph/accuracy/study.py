@@ -91,7 +91,7 @@ class Study:
             made = made + Results((row,))
             self.results = self.results + Results((row,))
             if progress:
-                print(line(made, row), flush=True)
+                print(line(row), flush=True)
             if out is not None:
                 made.save(out)
         return made
@@ -160,7 +160,7 @@ def distance(a, b) -> float:
     return float(np.linalg.norm(np.ravel(a - b)) / np.linalg.norm(np.ravel(b)))
 
 
-def line(results: Results, row: Row) -> str:
+def line(row: Row) -> str:
     """A run on the screen."""
     about = ", ".join(f"{name} {value}" for name, value in row.settings.items() if value is not None)
     if row.failure:

@@ -13,7 +13,8 @@ class BodyForce(FlowEffect):
     """A force per mass given as a function of place and time, on every system.
 
     Attributes:
-        function: acceleration(x (d, N) [m], t [s]) -> (d, N) or (d, 1) [m/s^2], written with jax.numpy.
+        function: acceleration(x (d, N) [m], t [s]) -> (d, N) or (d, 1) [m/s^2], written with jax.numpy. It may be made
+            of traced numbers: those that are fitted.
     """
 
     function: Callable = static()

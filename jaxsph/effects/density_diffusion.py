@@ -59,4 +59,5 @@ class DeltaDiffusion(FlowEffect):
 def _flux(coefficient, difference, a, b, pair):
     # x_ba . grad W / x_ab^2 = -F
     strength = coefficient * pair.smoothing_length * pair.sound_speed
-    return -strength * difference * a["volume"] * b["volume"] * pair.slope
+    # The slope first: it is as large as the volumes are small, and float32 ends at 1e-38.
+    return -(a["volume"] * b["volume"] * pair.slope) * (strength * difference)

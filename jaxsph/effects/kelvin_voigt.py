@@ -34,7 +34,3 @@ class KelvinVoigt:
             place, remainder = displacement
             return place, remainder + self.relaxation_time * velocity
         return displacement + self.relaxation_time * velocity
-
-    def stable(self, time_step):
-        """The stable time step [s] where without friction it is this: of a kick with the velocity of the half step."""
-        return (self.relaxation_time**2 + time_step**2) ** 0.5 - self.relaxation_time

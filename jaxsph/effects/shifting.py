@@ -43,6 +43,10 @@ class Shifting(ABC):
         return 0.5 * a["volume"] * b["volume"] * along * difference
 
 
+NEAR_SURFACE = (0.75, 0.95)
+"""The cover below which particles do not move along the normal of the surface, and that from which they do."""
+
+
 @pytree_dataclass
 class ParticleShifting(Shifting):
     """Particles move with v + dv, where dv points away from where they crowd.
@@ -86,9 +90,11 @@ class ParticleShifting(Shifting):
         speed = 0.1 * fluid.sound_speed if self.speed is None else self.speed
         shift = -self.strength * speed * support_radius * crowding
         if self.free_surface:
-            squared = jnp.sum(normal**2, axis=0)
-            along = jnp.sum(shift * normal, axis=0) / jnp.where(squared > 0, squared, 1.0) * normal
-            shift = smooth_rise(cover, 0.4, 0.6) * (shift - (1 - smooth_rise(cover, 0.75, 0.95)) * along)
+            # Of what is inside the normal is rounding, whose square a derivative must not divide by.
+            direction = jnp.where(cover < NEAR_SURFACE[1], normal, 0.0)
+            squared = jnp.sum(direction**2, axis=0)
+            along = jnp.sum(shift * direction, axis=0) / jnp.where(squared > 0, squared, 1.0) * direction
+            shift = smooth_rise(cover, 0.4, 0.6) * (shift - (1 - smooth_rise(cover, *NEAR_SURFACE)) * along)
         squared, limit = jnp.sum(shift**2, axis=0), 0.5 * speed
         over = squared > limit**2
         return shift * (limit / jnp.sqrt(jnp.where(over, squared, limit**2)))

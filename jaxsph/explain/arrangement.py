@@ -84,7 +84,7 @@ def contact(scene, wall):
     own = Places([wall], scene.domain)
     fluid = np.concatenate([np.asarray(f.particles.positions, float) for f in scene.fluids])
     distance, nearest = map(np.asarray, own.tree.query(own.wrapped(fluid)))
-    touching = distance < 1.2 * max(scene.spacing, wall.particles.spacing)
+    touching = (distance < 1.2 * max(scene.spacing, wall.particles.spacing)) & (distance > 0)
     if not touching.any():
         return None
     chosen = np.flatnonzero(touching)

@@ -37,7 +37,7 @@ class Cost:
 
 
 def variants(scene: Scene) -> dict[str, Scene]:
-    """By what is left out the scene without it: every effect, viscosity, no slip, clipping, motions of walls."""
+    """By what is left out the scene without it: every effect, viscosity, no slip, motions of walls."""
     found = {}
     for kind in dict.fromkeys(type(effect) for effect in scene.effects):
         rest = tuple(effect for effect in scene.effects if type(effect) is not kind)

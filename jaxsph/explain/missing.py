@@ -148,8 +148,6 @@ def _sums(facts):
 def _surface(facts):
     if not facts.surface_tension or not facts.is_open or not facts.speed:
         return []
-    if any(hasattr(effect, "surface_tension") for effect in facts.scene.effects):
-        return []
     forces = facts.density * max(facts.speed**2 * facts.length, facts.gravity * facts.length**2)
     share = facts.surface_tension / forces
     if share < 0.01:

@@ -6,10 +6,15 @@ writes slot 1 restarts from slot 0.
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import hashlib
+import inspect
 import json
 import os
 import re
+import types
+from collections.abc import Iterator
 from typing import Any
 
 import h5py
@@ -61,7 +66,8 @@ def fingerprint(tree: Any) -> dict[str, Any]:
 
     Returns `{"hash": str, "structure": str, "leaves": {name: {"dtype", "shape", "hash", "value"}}}`; `value`
     is there for single numbers. `structure` is the tree without its leaves, with the static fields in it;
-    addresses of functions are left out, so that two processes agree.
+    addresses of functions are left out, so that two processes agree; the numbers that a function is made of,
+    such as the speed of a wall's motion, are among the leaves.
     """
     leaves = {}
     for name, value in array_leaves(tree):
@@ -69,9 +75,45 @@ def fingerprint(tree: Any) -> dict[str, Any]:
         leaves[name] = {"dtype": str(value.dtype), "shape": list(value.shape), "hash": content}
         if value.size == 1 and value.dtype.kind in "biuf":
             leaves[name]["value"] = repr(value.item())
+    for name, made_of in _functions(tree):
+        leaves[name] = {"dtype": "function", "shape": [], "hash": hashlib.sha256(made_of.encode()).hexdigest()[:16]}
     structure = re.sub(r" at 0x[0-9a-fA-F]+", "", str(jax.tree_util.tree_structure(tree)))
     whole = hashlib.sha256(json.dumps([structure, leaves], sort_keys=True).encode()).hexdigest()
     return {"hash": whole, "structure": structure, "leaves": leaves}
+
+
+def _functions(item: Any, path: str = "") -> Iterator[tuple[str, str]]:
+    """Where functions stand among the fields of dataclasses, and what each is made of."""
+    if isinstance(item, (tuple, list)):
+        for number, part in enumerate(item):
+            yield from _functions(part, f"{path}.{getattr(part, 'name', None) or number}")
+    elif dataclasses.is_dataclass(item) and not isinstance(item, type):
+        for field in dataclasses.fields(item):
+            value = getattr(item, field.name, None)
+            if callable(value) and not dataclasses.is_dataclass(value):
+                yield f"{path}.{field.name}".lstrip("."), _made_of(value)
+            else:
+                yield from _functions(value, f"{path}.{field.name}")
+
+
+def _made_of(value: Any, depth: int = 4) -> str:
+    """Names, constants, defaults and enclosed values of a function, without addresses; objects to some depth."""
+    parts: list[Any] = []
+    if isinstance(value, functools.partial):
+        parts = [value.func, *value.args, *(part for item in sorted(value.keywords.items()) for part in item)]
+    elif isinstance(value, (np.ndarray, jax.Array)):
+        return hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()
+    elif isinstance(value, types.CodeType) or hasattr(inspect.unwrap(value) if callable(value) else 0, "__code__"):
+        function = value if isinstance(value, types.CodeType) else inspect.unwrap(value)
+        code = getattr(function, "__code__", function)
+        parts = [code.co_names, *(constant for constant in code.co_consts if not isinstance(constant, str))]
+        parts += getattr(function, "__defaults__", None) or ()
+        parts += [cell.cell_contents for cell in getattr(function, "__closure__", None) or ()]
+    elif hasattr(value, "__dict__") and not isinstance(value, (type, types.ModuleType)):
+        parts = [type(value).__qualname__, *(part for item in sorted(vars(value).items()) for part in item)]
+    if not parts or depth == 0:
+        return re.sub(r" at 0x[0-9a-fA-F]+", "", repr(value))
+    return repr([_made_of(part, depth - 1) for part in parts])
 
 
 def _differences(found: dict[str, Any], expected: dict[str, Any]) -> list[str]:

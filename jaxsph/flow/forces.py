@@ -13,7 +13,7 @@ from jaxsph.flow.pressure import mean_pressures
 from jaxsph.flow.walls import wall_in_forces, wall_states
 from jaxsph.fluid import Fluid
 from jaxsph.pair_sum import dot
-from jaxsph.tensors import inverse, symmetric, upper
+from jaxsph.tensors import determinant, inverse, symmetric, upper
 
 
 def forces(scene, references, columns, placed, lists, time, *, forward_mode=False) -> dict:
@@ -33,7 +33,7 @@ def forces(scene, references, columns, placed, lists, time, *, forward_mode=Fals
         for fluid in scene.fluids:
             rate = columns[fluid.name]["density_rate"]
             pressures[fluid.name] += damper.pressure(rate, fluid.sound_speed, scene.smoothing_length)
-    walls = wall_states(scene, references, columns, placed, pressures, lists, forward_mode=forward_mode)
+    walls = wall_states(scene, references, columns, placed, pressures, lists, time, forward_mode=forward_mode)
     correction = scene.effect(KernelGradientCorrection)
     means = {}
     if scene.density.averaged_pressure:
@@ -185,16 +185,7 @@ def corrected(moment, uncorrected):
     size = sum(moment[i, i] for i in range(d)) / d
     scaled = moment / jnp.where(size > 0, size, 1.0)
     identity = jnp.eye(d, dtype=moment.dtype)[:, :, None]
-    determinant = scaled[0, 0] * scaled[1, 1] - scaled[0, 1] * scaled[1, 0] if d == 2 else _determinant_3d(scaled)
-    good = (size > 0) & (determinant > 0.05)
+    good = (size > 0) & (determinant(scaled) > 0.05)
     safe = jnp.where(good, scaled, identity)
     raw = uncorrected / jnp.where(size > 0, size, 1.0)
     return jnp.where(good, jnp.sum(inverse(safe) * raw[None], axis=1), 0.0)
-
-
-def _determinant_3d(m):
-    return (
-        m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
-        - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
-        + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
-    )

@@ -13,11 +13,11 @@ from jaxsph.fluid import Fluid
 from jaxsph.pair_sum import dot
 
 
-def pressure_rates(scene, references, columns, placed, lists, *, forward_mode=False) -> dict:
-    """Rates of the pressure [Pa/s] of all fluids, (N,) each: of `EDAC`, and what shifted particles carry."""
+def pressure_rates(scene, references, columns, placed, lists, *, time, forward_mode=False) -> dict:
+    """Rates of the pressure [Pa/s] of all fluids at a time [s], (N,) each: of `EDAC`, and what shifts carry."""
     shifting = scene.effect(Shifting)
     pressures = {fluid.name: pressure(fluid, columns[fluid.name]) for fluid in scene.fluids}
-    walls = wall_states(scene, references, columns, placed, pressures, lists, forward_mode=forward_mode)
+    walls = wall_states(scene, references, columns, placed, pressures, lists, time, forward_mode=forward_mode)
     rates = {}
     for fluid in scene.fluids:
         own = {**fluid_fields(fluid, references[fluid.name], columns[fluid.name]), "pressure": pressures[fluid.name]}
@@ -25,7 +25,7 @@ def pressure_rates(scene, references, columns, placed, lists, *, forward_mode=Fa
         rate = jnp.zeros_like(volume)
         for other, neighbors in partners(scene, fluid, lists):
             same, wall = other is fluid, not isinstance(other, Fluid)
-            senders = own if same else _senders(scene, fluid, other, references, columns, placed, pressures, walls)
+            senders = own if same else _senders(fluid, other, references, columns, placed, pressures, walls)
             carry = shifting is not None and not shifting.free_surface and same
             # A sliding surface does not move the wall, see `wall_at_rest`.
             still = wall and not other.moves
@@ -61,7 +61,7 @@ def mean_pressures(scene, references, columns, placed, lists, pressures, walls, 
         total = weight * own["pressure"]
         for other, neighbors in partners(scene, fluid, lists):
             same, wall = other is fluid, not isinstance(other, Fluid)
-            senders = own if same else _senders(scene, fluid, other, references, columns, placed, pressures, walls)
+            senders = own if same else _senders(fluid, other, references, columns, placed, pressures, walls)
 
             def of_pair(a, b, pair, other=other, wall=wall):
                 asked = other.pressure.of_pair(a["pressure"]) if wall and "pressure" not in b else b["pressure"]
@@ -73,7 +73,7 @@ def mean_pressures(scene, references, columns, placed, lists, pressures, walls, 
     return means
 
 
-def _senders(scene, fluid, other, references, columns, placed, pressures, walls):
+def _senders(fluid, other, references, columns, placed, pressures, walls):
     if isinstance(other, Fluid):
         fields = fluid_fields(other, references[other.name], columns[other.name])
         return {**fields, "pressure": pressures[other.name]}

@@ -25,8 +25,10 @@ def wall_in_forces(fluid, wall, references, placed, state):
     return fields
 
 
-def wall_states(scene, references, columns, placed, pressures, lists, *, forward_mode=False) -> dict:
+def wall_states(scene, references, columns, placed, pressures, lists, time, *, forward_mode=False) -> dict:
     """What walls take over from the fluids: by wall its `pressure` (N,) [Pa] and `slip` velocity (d, N) [m/s].
+
+    Pressures are continued with gravity and body forces where the wall is at a time [s].
 
     The slip velocity is 2 v_wall less the smoothed velocity of the fluid: with it a viscous fluid has the wall's
     velocity at the wall. S. Adami, X. Y. Hu, N. A. Adams (2012), J. Comput. Phys. 231, 7057, eqs. (22) and (23).
@@ -36,6 +38,9 @@ def wall_states(scene, references, columns, placed, pressures, lists, *, forward
         model, state = wall.pressure, {}
         sticking = wall.no_slip and any(fluid.viscosity is not None for fluid in scene.fluids)
         position, velocity, acceleration = motion_of(wall, placed)
+        for effect in scene.flow_effects:
+            if model.extrapolates and effect.acceleration is not None:
+                acceleration = acceleration - effect.acceleration(position, time)
         if model.extrapolates or sticking:
             total = weight = moving = 0.0
             for fluid in scene.fluids:

@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxsph.pytree import pytree_dataclass, static
+from jaxsph.pytree import is_concrete, pytree_dataclass, static
 
 
 @pytree_dataclass
@@ -23,14 +24,22 @@ class Particles:
     """Positions (N, d) [m], volumes (N,) [m^d] and the spacing [m] that they were made with.
 
     on_surface: whether the outermost ones lie on the surface and stand for the part of their cell that is inside.
+
+    Lists will do, of a mesh or a point cloud of one's own. float64 becomes float32 unless jax has float64 enabled.
     """
 
-    positions: np.ndarray
-    volumes: np.ndarray
+    positions: Any
+    volumes: Any
     spacing: float = static()
     on_surface: bool = static(default=False)
 
     def __post_init__(self):
+        for name in ("positions", "volumes"):
+            value = getattr(self, name)
+            if is_concrete(value):  # as jax would: without JAX_ENABLE_X64 numbers are float32
+                value = np.asarray(value)
+                real = value.dtype if np.issubdtype(value.dtype, np.floating) else np.dtype(float)
+                object.__setattr__(self, name, value.astype(jax.dtypes.canonicalize_dtype(real), copy=False))
         n = np.shape(self.positions)[0] if np.ndim(self.positions) == 2 else -1
         if n < 1 or np.shape(self.positions)[1] not in (2, 3):
             raise ValueError(f"positions has shape {np.shape(self.positions)}; it must be (N, 2) or (N, 3) with N >= 1")
@@ -48,10 +57,20 @@ class Particles:
         return self.positions.shape[0]
 
     def __or__(self, other: Particles) -> Particles:
-        """Both sets together; they should not overlap. Raises ValueError if their dimensions differ."""
+        """Both sets together; they should not overlap.
+
+        Raises ValueError if their dimensions differ, or their spacings where one of them has particles on its surface:
+        what part of a cell these stand for is known for one spacing only.
+        """
         if self.positions.shape[1] != other.positions.shape[1]:
             raise ValueError(
                 f"particles in {self.positions.shape[1]}D and {other.positions.shape[1]}D cannot be joined"
+            )
+        unlike = abs(self.spacing - other.spacing) > 1e-6 * self.spacing
+        if unlike and (self.on_surface or other.on_surface):
+            raise ValueError(
+                f"particles with spacings of {self.spacing:g} and {other.spacing:g} m, of which some lie on a surface, "
+                "cannot be joined: make them with one spacing, or two systems of them"
             )
         return Particles(
             np.concatenate([self.positions, other.positions]),
@@ -71,6 +90,11 @@ class Particles:
             return self.volumes
         halves = jnp.round(jnp.log2(self.spacing ** self.positions.shape[1] / jnp.asarray(self.volumes)))
         return self.volumes * jnp.exp2(jnp.maximum(halves, 0))
+
+    def moved(self, offset) -> Particles:
+        """The particles elsewhere, by an offset (d,) [m], in their precision."""
+        offset = np.asarray(offset, self.positions.dtype)
+        return Particles(self.positions + offset, self.volumes, self.spacing, self.on_surface)
 
     def where(self, mask) -> Particles:
         """The particles for which mask (N,) is true."""

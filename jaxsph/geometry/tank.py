@@ -59,12 +59,17 @@ def polygon(corners, spacing: float, *, dtype=None) -> Particles:
         spacing: distance of particles [m].
         dtype: float32 or float64; None takes jax's default.
 
-    Raises ValueError for fewer than 3 corners, no area, or no particle inside.
+    Raises ValueError for fewer than 3 corners, edges that cross, no area, or no particle inside.
     """
     check_spacing(spacing)
     corners = np.asarray(corners, float)
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
         raise ValueError(f"corners has shape {corners.shape}; it must be (M, 2) with M >= 3")
+    crossing = _crossing_edges(corners)
+    if crossing is not None:
+        raise ValueError(
+            f"edges {crossing[0]} and {crossing[1]} of the polygon cross; list its corners along the outline"
+        )
     x, y = corners.T
     area = 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
     if not area > 0:
@@ -76,8 +81,21 @@ def polygon(corners, spacing: float, *, dtype=None) -> Particles:
     inside = lattice[_is_inside(lattice, corners)]
     if not len(inside):
         raise ValueError(f"no particle fits into the polygon at a spacing of {spacing} m; take a smaller one")
-    real = box((0, 0), (1, 1), 1.0, dtype=dtype).positions.dtype
+    real = floating(dtype)
     return Particles(inside.astype(real), np.full(len(inside), area / len(inside)).astype(real), float(spacing))
+
+
+def _crossing_edges(corners):
+    """The numbers of the first two edges that cross within both of them; None if no two do."""
+    start, end = corners, np.roll(corners, -1, axis=0)
+
+    def side(a, b, point):
+        """Of which side of the line from a to b a point is."""
+        return np.sign((b - a)[..., 0] * (point - a)[..., 1] - (b - a)[..., 1] * (point - a)[..., 0])
+
+    one, two = (start[:, None], end[:, None]), (start[None], end[None])
+    cross = (side(*one, two[0]) * side(*one, two[1]) < 0) & (side(*two, one[0]) * side(*two, one[1]) < 0)
+    return tuple(int(number[0]) for number in np.nonzero(cross)) if cross.any() else None
 
 
 def _is_inside(points, corners):

@@ -36,7 +36,7 @@ class MorrisViscosity(ViscosityLaw):
 
     def force(self, a, b, pair):
         """[N]."""
-        strength = a["volume"] * b["volume"] * (a["viscosity"] + b["viscosity"]) * pair.slope
+        strength = a["volume"] * b["volume"] * pair.slope * (a["viscosity"] + b["viscosity"])
         return strength * (a["velocity"] - b["velocity"])
 
 
@@ -53,7 +53,7 @@ class AdamiViscosity(ViscosityLaw):
         both = a["viscosity"] + b["viscosity"]
         mean = 2 * a["viscosity"] * b["viscosity"] / jnp.where(both > 0, both, 1.0)
         volumes = a["volume"] ** 2 + b["volume"] ** 2
-        return volumes * mean * pair.slope * (a["velocity"] - b["velocity"])
+        return volumes * pair.slope * mean * (a["velocity"] - b["velocity"])
 
 
 @pytree_dataclass
@@ -69,6 +69,6 @@ class MonaghanViscosity(ViscosityLaw):
     def force(self, a, b, pair):
         """[N]."""
         approach = jnp.sum((a["velocity"] - b["velocity"]) * pair.offset)
-        strength = a["volume"] * b["volume"] * (a["viscosity"] + b["viscosity"])
+        strength = a["volume"] * b["volume"] * pair.slope * (a["viscosity"] + b["viscosity"])
         along = approach / jnp.where(pair.squared > 0, pair.squared, 1.0)
-        return (pair.offset.shape[0] + 2) * strength * along * pair.gradient
+        return (pair.offset.shape[0] + 2) * strength * along * pair.offset

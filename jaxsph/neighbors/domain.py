@@ -40,7 +40,9 @@ class Domain:
             raise ValueError(
                 f"a domain has 2 or 3 axes, the same number in both bounds; got lower={lower}, upper={upper}"
             )
-        periodic = (bool(periodic),) * len(lower) if isinstance(periodic, bool) else tuple(map(bool, periodic))
+        periodic = (
+            (bool(periodic),) * len(lower) if isinstance(periodic, (bool, np.bool_)) else tuple(map(bool, periodic))
+        )
         if len(periodic) != len(lower):
             raise ValueError(f"periodic={periodic} needs one entry for each of the {len(lower)} axes, or one bool")
         for axis, (low, high) in enumerate(zip(lower, upper, strict=True)):

@@ -80,7 +80,7 @@ def _contact(scene, state, found):
 
 
 def linear_momentum(scene, state) -> jax.Array:
-    """Linear momentum of all solids and fluids (d,) [kg m/s, in 2D per meter]."""
+    """Linear momentum of all particles of solids and fluids (d,) [kg m/s, in 2D per meter], clamped ones too."""
     total = jnp.zeros((scene.dimension,), scene.dtype)
     for mass, _, velocity in _moving(scene, state):
         total += jnp.sum(mass[:, None] * velocity, axis=0)
@@ -109,7 +109,7 @@ def angular_momentum(scene, state, about=None) -> jax.Array:
 
 
 def _moving(scene, state):
-    """Masses (N,), positions and velocities (N, d) of every system that follows from forces."""
+    """Masses (N,), positions and velocities (N, d) of every solid and fluid, clamped particles included."""
     for system in [*scene.solids, *scene.fluids]:
         fields, particles = state.systems[system.name], system.particles
         fluid = "position" in fields

@@ -44,8 +44,8 @@ def wall_pressure(
         normal: of the surface, into the fluid, (d,) or (P, d), any length. None takes the direction away from the
             wall's particles, which in a corner is its bisector.
         hydrostatic: continue each particle's pressure to the sensor, p_b + rho_b (g - a_wall) . (x - x_b), as
-            `AdamiExtrapolation` does. Without, still water above a sensor reads too low by the pressure of about
-            a fifth of a support radius.
+            `AdamiExtrapolation` does, with body forces in g. Without, still water above a sensor reads too low by the
+            pressure of about a fifth of a support radius.
 
     Returns: 0 where no fluid is near. Continuous; its derivative jumps as a sensor becomes wet.
 
@@ -74,10 +74,13 @@ def wall_pressure(
         raise ValueError("a normal of a sensor is zero; it has to point out of the wall, into the fluid")
     _check_sides(points, normal, away)
     normal = normal / jnp.linalg.norm(normal, axis=1, keepdims=True)
+    for effect in scene.flow_effects:
+        if effect.acceleration is not None:
+            acceleration = acceleration - effect.acceleration(place, state.time)
     radius = 0.0 if width is None else 0.5 * width
     before = _half(scene, radius)
     parts = [_particles(scene, state, fluid) for fluid in scene.fluids]
-    solid = [(_places(scene, state, other), other.particles.cells) for other in scene.boundaries]
+    solid = [(_places(state, other), other.particles.cells) for other in scene.boundaries]
 
     def weights(sensor, position, volume):
         offset = scene.displacement(sensor[0][:, None], position)
@@ -103,7 +106,7 @@ def wall_pressure(
     return over_points(at_sensor, stacked, sum(s.n_particles for s in (*scene.fluids, *scene.boundaries)))
 
 
-def _places(scene, state, boundary):
+def _places(state, boundary):
     """Positions (d, N) [m] of a wall's or solid's particles."""
     start, fields = jnp.asarray(boundary.particles.positions), state.systems.get(boundary.name, {})
     if isinstance(boundary, Wall):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,20 +14,14 @@ from jaxsph.neighbors import Domain
 from jaxsph.scene import Scene
 
 
+@dataclasses.dataclass(frozen=True)
 class _TowardsCenter:
     """-frequency^2 x, for `BodyForce`."""
 
-    def __init__(self, frequency: float):
-        self.frequency = frequency
+    frequency: float
 
     def __call__(self, positions, time):
         return -(self.frequency**2) * positions
-
-    def __eq__(self, other):
-        return isinstance(other, _TowardsCenter) and other.frequency == self.frequency
-
-    def __hash__(self):
-        return hash(("towards the center", self.frequency))
 
 
 def oscillating_drop(

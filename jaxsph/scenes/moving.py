@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -69,22 +70,17 @@ def standing_wave(
     return scene.replace({"water.velocity": np.stack([u, v], axis=1)})
 
 
+@dataclasses.dataclass(frozen=True)
 class _Lift:
     """Vertical displacement of a gate: a polynomial of time until `end`, then at rest."""
 
-    def __init__(self, coefficients: tuple[float, ...], end: float):
-        self.coefficients, self.end = coefficients, end
+    coefficients: tuple[float, ...]
+    end: float
 
     def __call__(self, time, positions):
         t = jnp.minimum(time, self.end)
         rise = sum(c * t ** (k + 1) for k, c in enumerate(self.coefficients))
         return jnp.zeros_like(positions).at[:, -1].set(rise)
-
-    def __eq__(self, other):
-        return isinstance(other, _Lift) and (other.coefficients, other.end) == (self.coefficients, self.end)
-
-    def __hash__(self):
-        return hash((self.coefficients, self.end))
 
 
 def dam_break_gate(
@@ -129,23 +125,18 @@ def dam_break_gate(
     )
 
 
+@dataclasses.dataclass(frozen=True)
 class _Push:
     """Displacement along x that grows smoothly from rest to a constant speed."""
 
-    def __init__(self, speed: float, start: float):
-        self.speed, self.start = speed, start
+    speed: float
+    start: float
 
     def __call__(self, time, positions):
         # The integral of speed tanh(t / start), as the logarithm of cosh without its overflow.
         share = time / self.start
         way = self.speed * self.start * (jnp.logaddexp(share, -share) - math.log(2))
         return jnp.zeros_like(positions).at[:, 0].set(way)
-
-    def __eq__(self, other):
-        return isinstance(other, _Push) and (other.speed, other.start) == (self.speed, self.start)
-
-    def __hash__(self):
-        return hash((self.speed, self.start))
 
 
 def moving_wall(
@@ -240,10 +231,6 @@ def falling_column(
     water = scene["water"]
     start = (fit(0.5 * (length - width)), fit(pool + drop))
     column = box(start, (fit(width), height), spacing, dtype=dtype)
-    n_pool, n_column = water.n_particles, len(column)
-    pressure = np.concatenate([np.asarray(water.pressure), np.zeros(n_column)])
-    both = replace(
-        water, particles=water.particles | column, pressure=pressure.astype(water.dtype), velocity=water.velocity
-    )
-    assert both.n_particles == n_pool + n_column
+    pressure = np.concatenate([np.asarray(water.pressure), np.zeros(len(column))])
+    both = replace(water, particles=water.particles | column, pressure=pressure.astype(water.dtype))
     return replace(scene, systems=tuple(both if s.name == "water" else s for s in scene.systems))

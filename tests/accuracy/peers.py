@@ -12,7 +12,6 @@ import numpy as np
 from cases import Case, Peer
 
 from jaxsph.accuracy import Row
-from jaxsph.accuracy.results import Results
 from jaxsph.accuracy.study import line
 
 FOLDER = Path(__file__).parent
@@ -41,7 +40,7 @@ def rows(case: Case, python: str, quick: bool) -> list[Row]:
             continue
         for n in peer.resolutions[:1] if quick else peer.resolutions:
             out.append(_measure(peer, n, python, f"{name} {found}"))
-            print("  " + line(Results((out[-1],)), out[-1]), flush=True)
+            print("  " + line(out[-1]), flush=True)
     return out
 
 

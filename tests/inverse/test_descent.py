@@ -109,3 +109,12 @@ def test_failing_runs_are_backed_off_from(toys, method):
     )
     with pytest.raises(inverse.RunFailed, match="starting values"):
         inverse.fit(bad, method=method)
+
+
+@pytest.mark.parametrize("rate", [1e-4, 1e-3])
+def test_adam_on_its_way_does_not_claim_to_have_arrived(toys, rate):
+    """Its last step is small because the rate has decayed."""
+    fit = inverse.fit(toys.oscillator(1.0, 3.0), method="adam", max_iterations=40, learning_rate=rate)
+    assert fit["stiffness"] != pytest.approx(toys.stiffness, rel=0.1)
+    assert not fit.converged
+    assert "give it more iterations or another learning rate" in str(fit)

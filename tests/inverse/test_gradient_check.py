@@ -83,3 +83,23 @@ def test_bad_arguments(toys):
         problem.check(at={"stiffness": -1.0})
     with pytest.raises(ValueError, match="> 0"):
         problem.check(steps=(0.0,))
+
+
+def test_a_start_on_a_bound_is_moved_by_the_largest_step_and_it_says_so(toys):
+    unknown = {"stiffness": inverse.log(10.0, 500, start=10.0)}
+    check = inverse.check(toys.oscillator(1.0, unknown=unknown))
+    assert check.moved == ("stiffness",) and "moved away from a bound" in str(check)
+    assert check.max_relative_difference < 1e-7
+    check = inverse.check(toys.oscillator(1.0, unknown=unknown), at={"stiffness": 30.0}, steps=(0.1, 1e-4))
+    assert check.moved == ()
+    # steps of .1: .1^2 of the third derivative, not one side of a bound
+    assert abs(check.differences[0, 0] / check.forward[0] - 1) < 0.3
+
+
+def test_narrow_bounds_take_small_steps_or_refuse(toys):
+    unknown = {"stiffness": inverse.log(29.9, 30.1, start=30.0)}  # .0067 apart internally
+    check = inverse.check(toys.oscillator(1.0, unknown=unknown))
+    assert check.steps == (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+    assert check.max_relative_difference < 1e-6
+    with pytest.raises(ValueError, match=r"0\.01 to both sides do not fit between bounds"):
+        inverse.check(toys.oscillator(1.0, unknown=unknown), steps=(1e-2,))

@@ -162,3 +162,71 @@ def test_fewer_data_than_unknowns():
     fit = inverse.fit(problem)
     assert any("leave nothing to estimate the noise from" in message for message in fit.messages)
     assert fit.verdict == "not identifiable"
+
+
+def two_sensors(seed, noise=(0.02, 0.5), unit=1.0, given=False, silent=0.0):
+    """a + b t by two sensors of unlike noise, the second in another unit."""
+    rng = np.random.default_rng(seed)
+    clean = 2.0 + 3.0 * TIMES[:, None] * np.array([1.0, unit]) + 2.0 * np.array([0.0, unit - 1.0])
+    values = clean + rng.standard_normal((len(TIMES), 2)) * np.asarray(noise) * [1.0, unit]
+    if silent:  # a third one, which tells nothing of either
+        values = np.concatenate([values, silent * np.sin(40 * TIMES)[:, None]], axis=1)
+    deviations = np.broadcast_to([*(np.asarray(noise) * [1.0, unit]), 1e-3 * silent][: values.shape[1]], values.shape)
+    data = inverse.Observations(TIMES, values, deviations.copy() if given else None)
+    time, wave = jnp.asarray(TIMES)[:, None], jnp.asarray(silent * np.sin(40 * TIMES))[:, None]
+
+    def simulate(scene, times, mode):
+        line = scene["a"] + scene["b"] * time
+        return jnp.concatenate([line, unit * line, wave] if silent else [line, unit * line], axis=1)
+
+    unknown = {"a": inverse.linear(-10, 10, start=5.0), "b": inverse.linear(-10, 10, start=-5.0)}
+    return inverse.Problem({}, lambda run: run, data, unknown, simulate=simulate, replace=lambda scene, values: values)
+
+
+def test_sensors_of_unlike_noise_have_honest_errors_also_where_it_is_not_stated():
+    scores, messages = [], []
+    for seed in range(60):
+        fit = inverse.fit(two_sensors(seed))
+        scores.append((fit.vector - [2.0, 3.0]) / statistics(fit).standard_error)
+        messages.append(str(fit))
+    # 60 runs: the rms of standardized errors scatters by 1 / sqrt(120) = 9 %; with one s for both it is 1.4
+    assert np.sqrt(np.mean(np.square(scores), axis=0)) == pytest.approx(1.0, abs=0.2)
+    assert all("all columns weigh alike" in text for text in messages)
+    assert "weigh alike" not in str(inverse.fit(two_sensors(0, given=True)))
+    assert "weigh alike" not in str(inverse.fit(two_sensors(0, noise=(0.1, 0.1))))
+
+
+def test_one_sigma_for_every_column_is_the_usual_error_where_noise_is_alike():
+    u = statistics(inverse.fit(two_sensors(1, noise=(0.1, 0.1))))
+    pooled = np.sqrt(np.diag(exact_covariance(0.1)) / 2)
+    # a standard deviation from 41 numbers scatters by 11 %
+    np.testing.assert_allclose(u.standard_error, pooled, rtol=0.35)
+
+
+def test_a_sensor_that_tells_nothing_does_not_change_the_verdict():
+    """One percent of its own amplitude is what a sensor is trusted to, not of the largest among all."""
+    small, large = (statistics(inverse.fit(two_sensors(0, given=True, silent=size))) for size in (1.0, 1e4))
+    # chi-square, which scales both, differs by the third sensor's
+    np.testing.assert_allclose(large.verdict_error, small.verdict_error, rtol=1e-6)
+
+
+def test_correlated_residuals_enlarge_the_error_by_what_they_hide():
+    """Noise with rho = .8 has (1 - rho) / (1 + rho) = 1/9 independent samples, and thrice the error."""
+    times, rho, found, reported = np.linspace(0, 1, 400), 0.8, [], []
+    for seed in range(60):
+        rng, noise = np.random.default_rng(seed), np.zeros(len(times))
+        for i, kick in enumerate(rng.standard_normal(len(times))):
+            noise[i] = rho * noise[i - 1] + np.sqrt(1 - rho**2) * kick if i else kick
+        problem = inverse.Problem(
+            {},
+            lambda run: run,
+            inverse.Observations(times, 2.0 + 0.1 * noise, 0.1),
+            {"a": inverse.linear(-10, 10, start=5.0)},
+            simulate=lambda scene, times, mode: scene["a"] * jnp.ones(len(times)),
+            replace=lambda scene, values: values,
+        )
+        fit = inverse.fit(problem)
+        found.append(fit.vector[0])
+        reported.append(statistics(fit).standard_error_corrected[0])
+    # the scatter of 60 is known to 9 %, rho and s of each run to a tenth: within a third; with 1/9 for 1/3 it is 3
+    assert np.std(found) / np.mean(reported) == pytest.approx(1.0, abs=0.33)
