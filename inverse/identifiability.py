@@ -15,6 +15,7 @@ CONDITION_LIMIT = 30.0
 SHARE_LIMIT = 0.5
 WEAK_ERROR = 0.10  # relative standard error from which an unknown counts as weakly determined
 LOST_ERROR = 0.50  # ... and from which the data do not determine it
+NAMED = 6  # unknowns that a sentence names; fields have hundreds
 ACCURACY = 0.01  # the verdict takes no data or model for better than this fraction of the amplitude
 
 
@@ -64,29 +65,39 @@ def verdict(
     reasons: list[str] = []
     group_lost = bool(np.any(error[collinear] > WEAK_ERROR))
     if np.any(collinear):
-        members = np.flatnonzero(collinear)
-        names = " and ".join(labels[i] for i in members)
+        members = np.flatnonzero(collinear).tolist()
+        names = " and ".join(labels[i] for i in members[:NAMED]) + _more(members)
         strongest = max((abs(correlation[i, j]) for i in members for j in members if i < j), default=np.nan)
         numbers = ", ".join(
-            f"{labels[i]} +- {_percent(error[i])} ({_percent(alone[i])} if the others were known)" for i in members
+            f"{labels[i]} +- {_percent(error[i])} ({_percent(alone[i])} if the others were known)"
+            for i in members[:NAMED]
         )
         what = "can't be told apart" if group_lost else "are hard to tell apart"
+        numbers += _more(members)
         reasons.append(
             f"{names} {what} by these data: correlation {strongest:.6f}, condition number "
             f"{condition:.3g} (limit {CONDITION_LIMIT:g}); at {_percent(ACCURACY)} accuracy {numbers}. "
             "Fix one of them, or observe something that tells them apart"
         )
-    for i in np.flatnonzero(~collinear & (error > WEAK_ERROR)):
+    weak = np.flatnonzero(~collinear & (error > WEAK_ERROR)).tolist()
+    for i in weak[:NAMED]:
         strength = "do not determine" if error[i] > LOST_ERROR else "determine only weakly"
         reasons.append(
             f"the data {strength} {labels[i]}: standard error {_percent(error[i])} (limit "
             f"{_percent(LOST_ERROR if error[i] > LOST_ERROR else WEAK_ERROR)})"
         )
+    if len(weak) > NAMED:
+        reasons.append(f"and so of {len(weak) - NAMED} more unknowns; fit.uncertainty has the numbers of all")
     if group_lost or np.any(error > LOST_ERROR):
         return "not identifiable", reasons
     if reasons:
         return "weakly identifiable", reasons
     return "identifiable", reasons
+
+
+def _more(members: list[int]) -> str:
+    """What stands for the unknowns of a group that are not named."""
+    return f" and {len(members) - NAMED} more" if len(members) > NAMED else ""
 
 
 def _percent(fraction: float) -> str:

@@ -76,7 +76,7 @@ class Problem:
         self.data: Observations = data
         self.unknown: dict[str, Transform] = dict(unknown)
         self.replace = replace
-        self._simulate = simulate
+        self._made = {} if simulate is None else {"simulate": simulate}  # shared by copies for other data or starts
         self.empty_rows = 0  # of the data: entries that are zero whatever the unknowns are, and tell nothing
         self._dtypes = {name: _dtype_of(scene, name) for name in self.unknown}
         self._asked = {"simulate": simulate, "time_step": time_step, "save_every": save_every}
@@ -129,12 +129,12 @@ class Problem:
     @property
     def simulate(self) -> Callable[[Any, np.ndarray, str], Any]:
         """The simulator; the default one is made when it is first needed, because with fluids it runs some of them."""
-        if self._simulate is None:
+        if "simulate" not in self._made:
             _, time_step, save_every = self._asked.values()
-            self._simulate = JaxsphSimulation(
+            self._made["simulate"] = JaxsphSimulation(
                 self.scene, self.replace, self.unknown, self.data.times, time_step, save_every
             )
-        return self._simulate
+        return self._made["simulate"]
 
     @property
     def labels(self) -> list[str]:

@@ -14,6 +14,23 @@ from inverse.uncertainty import Uncertainty
 SHOWN = 12  # unknowns listed in the printed table
 
 
+def figure_for(path: pathlib.Path, size: tuple[float, float]) -> Any:
+    """An empty figure of a size [inches] to be saved at a path.
+
+    Raises ImportError without matplotlib, FileNotFoundError without the directory, both with the cure.
+    """
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError("pictures need matplotlib: pip install 'jaxsph[plot]'", name="matplotlib") from error
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"directory {path.parent} of the picture {path.name} does not exist; create it first")
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Fit:
     """What a fit found. Vectors (n,) follow `labels`; series have the shape of the data, (T,) or (T, m).
@@ -190,16 +207,8 @@ class Fit:
         """Draw data and fit, the residual, and the history of unknowns and cost; the format follows the
         suffix.
         """
-        from jaxsph.plot.figure import matplotlib
-
         path = pathlib.Path(path)
-        if not path.parent.is_dir():
-            raise FileNotFoundError(
-                f"directory {path.parent} of the picture {path.name} does not exist; create it first"
-            )
-        FigureCanvasAgg = matplotlib("backends.backend_agg").FigureCanvasAgg
-        figure = matplotlib("figure").Figure(figsize=(8, 9), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = figure_for(path, (8, 9))
         top, middle, bottom = figure.subplots(3, 1, height_ratios=(2, 1, 1.4))
         shape = (len(self.times), -1)
         observed, simulated = self.observed.reshape(shape), self.simulated.reshape(shape)

@@ -11,6 +11,7 @@ import numpy as np
 from inverse.gradient_check import point_of
 from inverse.model import Model
 from inverse.problem import Problem
+from inverse.report import figure_for
 
 CHANGE = 0.1  # internal: of a logarithmic unknown 10 %, about what a fit that has nearly converged still moves
 TOLERANCE = 0.2  # of the largest difference so far: a tangent that is 20 % off still points the right way
@@ -126,16 +127,8 @@ class TangentGrowth:
 
     def plot(self, path: Any) -> pathlib.Path:
         """Draw the growth of the tangents, and of the differences, over time; the format follows the suffix."""
-        from jaxsph.plot.figure import matplotlib
-
         path = pathlib.Path(path)
-        if not path.parent.is_dir():
-            raise FileNotFoundError(
-                f"directory {path.parent} of the picture {path.name} does not exist; create it first"
-            )
-        FigureCanvasAgg = matplotlib("backends.backend_agg").FigureCanvasAgg
-        figure = matplotlib("figure").Figure(figsize=(7, 4), layout="constrained")
-        FigureCanvasAgg(figure)
+        figure = figure_for(path, (7, 4))
         axes = figure.subplots()
         for i, label in enumerate(self.labels):
             sizes = [(self.tangents, "-", "tangent")]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from contextlib import nullcontext
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +22,7 @@ from jaxsph.trajectory import Trajectory
 
 def run_plain(scene, found, state, time_step, n_saves, progress, out, options):
     """Advance from save to save with plain numbers."""
+    _refuse_early(progress, out, state)
     references, columns, found = _start(scene, found, state, options)
     first = _on_host(state, columns, found)
     saved = [first]
@@ -37,6 +39,21 @@ def run_plain(scene, found, state, time_step, n_saves, progress, out, options):
             if file is not None:
                 file.append_state(rows)
     return whole()
+
+
+def _refuse_early(progress, out, state):
+    """What would be refused after the first step has been compiled, before that."""
+    if progress:
+        _tqdm()
+    if out is None:
+        return
+    if not Path(out).absolute().parent.is_dir():
+        raise ValueError(f"{out}: directory {Path(out).absolute().parent} does not exist; create it first")
+    if int(state.step) > 0:
+        from jaxsph.files.restart import ends_with
+
+        if ends_with(out, state):
+            raise ValueError(f"{out}: holds the run that this one continues, and would be replaced; give another name")
 
 
 EVOLVED = ("position", "displacement", "remainder", "velocity", "density_deviation", "pressure")
@@ -186,10 +203,12 @@ def _writer(out, scene, found, time_step, n_saves, options):
 
 
 def _bar(states: Iterable, n_saves: int, progress: bool):
-    if not progress:
-        return states
+    return _tqdm()(states, total=n_saves, unit="save", desc="simulate") if progress else states
+
+
+def _tqdm():
     try:
         from tqdm import tqdm
     except ImportError as error:
         raise ImportError("progress=True needs tqdm: pip install 'jaxsph[plot]'") from error
-    return tqdm(states, total=n_saves, unit="save", desc="simulate")
+    return tqdm

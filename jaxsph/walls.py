@@ -147,7 +147,8 @@ class Wall(System):
         pressure: model of its pressure.
         no_slip: whether viscous fluids stick to it. Without viscosity it has no effect.
         motion: prescribed displacement, motion(t, X (N, d)) -> (N, d) [m], written with jax.numpy; zero at t = 0.
-            None holds it still. It may be made of traced numbers: those that are fitted.
+            None holds it still. It may be made of traced numbers: those that are fitted. A new function is compiled
+            anew: one of a module, or a frozen dataclass with `__call__`, is not.
         velocity: (d,) [m/s] of the surface of a wall that stays where it is, such as a sliding lid.
         thickness: of a plate that may be thinner than the support radius of the fluids [m]; they then meet it as if it
             were as thick (see `jaxsph.thin_wall`). None takes it as thick.

@@ -242,3 +242,17 @@ def test_a_scene_in_which_nothing_can_move_is_refused():
     scene = sph.Scene(block(2, clamped=np.ones(36, bool)))
     with pytest.raises(ValueError, match="no particle of the scene can move"):
         sph.simulate(scene, 0.01)
+
+
+def test_the_file_of_a_run_is_not_replaced_by_what_continues_it(tmp_path):
+    """Its states would be lost; a file of another run, or no file of ours, is replaced."""
+    scene, path = sph.Scene(block()), tmp_path / "run.vtkhdf"
+    half = sph.simulate(scene, 2e-3, 1e-3, out=path)
+    with pytest.raises(ValueError, match=r"run\.vtkhdf: holds the run that this one continues"):
+        sph.simulate(scene, 2e-3, 1e-3, state=half.final, out=path)
+    sph.simulate(scene, 1e-3, 1e-3, out=path)
+    sph.simulate(scene, 2e-3, 1e-3, state=half.final, out=path)
+    (tmp_path / "text").write_text("not a file of ours")
+    sph.simulate(scene, 2e-3, 1e-3, state=half.final, out=tmp_path / "text")
+    with pytest.raises(ValueError, match="does not exist; create it first"):
+        sph.simulate(scene, 2e-3, 1e-3, out=tmp_path / "nowhere" / "run.vtkhdf")

@@ -9,6 +9,7 @@ from PIL import Image
 
 import jaxsph as sph
 from jaxsph import plot, pytree
+from jaxsph.plot.moments import _turn
 from jaxsph.plot.run import STRUCTURE_COLORS
 from jaxsph.trajectory import interpolation
 
@@ -202,3 +203,26 @@ def test_the_clock_does_not_drift_with_the_number_of_saves():
     half = sph.simulate(scene, 0.15, 3e-5, time_step=3e-5)
     rest = sph.simulate(scene, 0.15, 3e-5, time_step=3e-5, state=half.final)
     np.testing.assert_array_equal(np.asarray(rest.times), np.asarray(run.times)[5000:])
+
+
+def test_moments_are_the_nearest_saved_states_on_one_scale():
+    scene = sph.Scene(sph.Structure("block", sph.box((0, 0), (0.3, 0.3), 0.1), 1000.0, 1e6, 0.3, velocity=(1.0, 0.0)))
+    run = sph.simulate(scene, 0.4, 0.1)
+    figure = plot.moments(run, [0.0, 0.31, 0.4], columns=3)
+    panels = [axes for axes in figure.axes if axes.get_title(loc="left")]
+    assert [axes.get_title(loc="left") for axes in panels] == ["t = 0.000 s", "t = 0.300 s", "t = 0.400 s"]
+    assert len({axes.get_xlim() for axes in panels}) == 1
+    with pytest.raises(ValueError, match="2 times and 1 axes"):
+        plot.moments(run, [0.0, 0.1], axes=panels[:1])
+    with pytest.raises(ValueError, match="for runs in 3D"):
+        plot.moments(run, [0.0], view=(0, 0))
+
+
+@pytest.mark.parametrize(
+    ("view", "right", "up", "eye"),
+    [((0, 0), (1, 0, 0), (0, 0, 1), (0, -1, 0)), ((90, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0)),
+     ((0, 90), (1, 0, 0), (0, 1, 0), (0, 0, 1))],
+)  # fmt: skip
+def test_a_view_turns_to_right_up_and_the_eye(view, right, up, eye):
+    """(0, 0) looks along y with z upwards, 90 degrees of azimuth along -x, 90 of elevation down."""
+    np.testing.assert_allclose(_turn(*view)(np.array([right, up, eye], float)), np.eye(3), atol=1e-15)

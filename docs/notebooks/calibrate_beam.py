@@ -29,9 +29,7 @@ from IPython.display import Image
 import inverse
 import jaxsph as sph
 
-sys.path.insert(
-    0, str(Path(globals().get("__file__", "x")).resolve().parents[2] / "examples")
-)  # or the notebook's folder
+sys.path.insert(0, str(Path(globals().get("__file__", "x")).resolve().parents[2] / "examples"))
 import calibrate_beam
 
 # %% [markdown]

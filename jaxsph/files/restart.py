@@ -181,6 +181,19 @@ def read_state(path: str | os.PathLike[str], like: Any, scene: Any = None) -> An
     return jax.tree_util.tree_unflatten(structure, [_as(leaf, v) for leaf, v in zip(leaves, values, strict=True)])
 
 
+def ends_with(path: str | os.PathLike[str], state: Any) -> bool:
+    """Whether a file holds a run that ends with a state, after the same number of steps at the same time."""
+    try:
+        with h5py.File(path, "r") as file:
+            if "jaxsph/restart" not in file:
+                return False
+            slot = int(hdf5.attribute(file, "jaxsph/restart", "slot"))
+            held = [hdf5.array(file, f"jaxsph/restart/{slot}/{name}") for name in ("step", "time")]
+    except (OSError, KeyError, ValueError):  # no file, or none of ours: what it holds is not continued
+        return False
+    return bool(held[0] == np.asarray(state.step) and held[1] == np.asarray(state.time))
+
+
 def _as(leaf: Any, value: np.ndarray) -> Any:
     if isinstance(leaf, jax.Array):
         return jnp.asarray(value)
