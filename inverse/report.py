@@ -14,7 +14,7 @@ from inverse.uncertainty import Uncertainty
 SHOWN = 12  # unknowns listed in the printed table
 
 
-def figure_for(path: pathlib.Path, size: tuple[float, float]) -> Any:
+def figure_for(path: pathlib.Path, size: tuple[float | int, float | int]) -> Any:
     """An empty figure of a size [inches] to be saved at a path.
 
     Raises ImportError without matplotlib, FileNotFoundError without the directory, both with the cure.

@@ -44,4 +44,4 @@ class ArtificialViscosity(FlowEffect):
         distance = pair.squared * per_h**2 + 0.01
         density = 0.5 * (a["density"] + b["density"])
         viscosity = (self.beta * closing - self.alpha * pair.sound_speed * distance) * closing / (distance**2 * density)
-        return -(a["mass"] * b["mass"] * pair.slope) * viscosity * pair.offset
+        return -a["mass"] * b["mass"] * viscosity * pair.gradient
