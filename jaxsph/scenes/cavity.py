@@ -34,6 +34,7 @@ def lid_driven_cavity(
         reynolds: Re = U L / nu.
         sound_speed: [m/s].
         effects: None takes `DensityDiffusion(0.1)` and `ParticleShifting(1.0)`.
+        density: how the fluid gets its density; None takes `ContinuityDensity()`.
         dtype: float32 or float64; None takes jax's default.
 
     Raises ValueError for less than 8 particles along an edge, or a Reynolds number that is not positive.

@@ -16,8 +16,9 @@ from measure import compiled, interleaved, row, steps_of
 
 import jaxsph
 from jaxsph import plain_run, slots
-from jaxsph.advance import advance, begin_compiled, lists_of
+from jaxsph.advance import advance, begin_compiled
 from jaxsph.side_by_side import SideBySide
+from jaxsph.stepping import lists_of
 
 STEPS, STEPS_OF_RUN = 10, 300
 FALLEN = 0.1  # s: the water has left its lattice
