@@ -55,7 +55,8 @@ class KickDriftKick:
         """With the number of substeps of every structure that meets fluids, where none is given those of `stable()`."""
         structures = [structure.name for structure in scene.structures]
         names = structures if scene.fluids else []
-        if self.substeps is not None and not names:
+        asked = [n for _, n in self.substeps] if isinstance(self.substeps, tuple) else [self.substeps or 1]
+        if not names and max(asked, default=1) > 1:  # `stable_substeps` says 1 where there is nothing to divide
             raise ValueError(
                 f"substeps = {self.substeps!r}: structures take substeps beside fluids, and the scene has no "
                 f"{'structures' if scene.fluids else 'fluids'}; leave them out, and pass time_step="

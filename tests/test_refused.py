@@ -226,6 +226,10 @@ def test_substeps_without_a_fluid_are_refused():
         sph.simulate(sph.Scene(block()), 0.01, integrator=sph.KickDriftKick(7))
     with pytest.raises(ValueError, match="has no structures"):
         sph.simulate(sph.Scene(water()), 0.01, integrator=sph.KickDriftKick({"block": 7}))
+    for scene in (sph.Scene(block()), sph.Scene(water())):  # where there is nothing to divide
+        step = 0.5 * sph.stable_time_step(scene)
+        integrator = sph.KickDriftKick(sph.stable_substeps(scene, step))
+        assert len(sph.simulate(scene, step, time_step=step, integrator=integrator).times) == 2
 
 
 def test_scene_keeps_its_precision_whatever_its_laws_are_given():

@@ -93,9 +93,11 @@ def _crossing_edges(corners):
         """Of which side of the line from a to b a point is."""
         return np.sign((b - a)[..., 0] * (point - a)[..., 1] - (b - a)[..., 1] * (point - a)[..., 0])
 
-    one, two = (start[:, None], end[:, None]), (start[None], end[None])
-    cross = (side(*one, two[0]) * side(*one, two[1]) < 0) & (side(*two, one[0]) * side(*two, one[1]) < 0)
-    return tuple(int(number[0]) for number in np.nonzero(cross)) if cross.any() else None
+    for number, (a, b) in enumerate(zip(start, end, strict=True)):  # one by one: outlines may have thousands
+        cross = (side(a, b, start) * side(a, b, end) < 0) & (side(start, end, a) * side(start, end, b) < 0)
+        if cross.any():
+            return number, int(np.argmax(cross))
+    return None
 
 
 def _is_inside(points, corners):
