@@ -147,9 +147,11 @@ class Trajectory:
                     jnp.asarray(wanted, dtype)
                 )
                 systems[name] |= {"position": place.mT, "velocity": speed.mT}
+        remainder = None if self.states.time_remainder is None else jnp.zeros(len(wanted), dtype)
         states = replace(
             self.states,
             time=jnp.asarray(wanted, dtype),
+            time_remainder=remainder,
             step=self.states.step[index],
             systems=systems,
             health=jax.tree.map(lambda leaf: leaf[index], self.states.health),

@@ -193,6 +193,18 @@ def test_a_traced_run_has_no_numbers_outside_of_its_times():
     assert np.isnan(found[2]).all()
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_states_at_other_times_are_whole(kind):
+    """Each leaf has a time axis as long as the times that were asked for, so that all can be observed."""
+    body = sph.box((0, 0), (0.3, 0.3), 0.1, dtype=kind)
+    water = sph.Fluid("water", sph.box((1, 0), (0.4, 0.4), 0.1, dtype=kind), 1000.0, 20.0, velocity=(1.0, 0.0))
+    scene = sph.Scene(sph.Structure("block", body, 1000.0, 1e6, 0.3, velocity=(1.0, 0.0)), water)
+    run = sph.simulate(scene, 0.004, 0.001, time_step=1e-3).at([0.001, 0.0025])
+    assert {np.shape(leaf)[0] for leaf in jax.tree.leaves(run.states)} == {2}
+    seen = run.observe(lambda scene, state: state.systems["water"]["position"][0, 0])
+    np.testing.assert_allclose(seen, [1.051, 1.0525], rtol=1e-6)
+
+
 def test_the_clock_does_not_drift_with_the_number_of_saves():
     """Motions and forces read it. Also of a run that is continued, with the same bits."""
     ball = sph.RigidBody("ball", sph.ball((0, 0), 0.1, 0.05, dtype=np.float32), 1000.0)
