@@ -3,14 +3,18 @@
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from fluids import stirred, sums
 
 import jaxsph as sph
-from jaxsph import observe
+from jaxsph import integrate, observe
+from jaxsph.dynamics import positions_of, prepare
 from jaxsph.files import read_state
 from jaxsph.geometry import box
+from jaxsph.state import to_columns
+from jaxsph.surroundings import rebuild
 from jaxsph.thin_wall import thin_wall
 
 
@@ -127,6 +131,30 @@ def test_a_plate_thinner_than_the_support_pushes_like_a_half_space():
     assert thin_wall(kernel, 2, 2.0, 1.0) is None
     with pytest.raises(ValueError, match="fiftieth"):
         thin_wall(kernel, 2, 0.01, 1.0)
+
+
+def test_water_meets_a_structure_with_the_velocity_of_its_whole_step(monkeypatch):
+    """What it moves in the step over the step, not the velocity of the last of its many small ones."""
+    scene, seen = collision(modulus=2e7), []
+    kick = np.random.default_rng(0).uniform(-1, 1, scene["bar"].particles.positions.shape)
+    scene = scene.replace({"bar.velocity": kick})
+    found, dt = sph.topologies(scene), sph.stable_time_step(scene)
+    integrator = sph.KickDriftKick(sph.stable_substeps(scene, dt))
+    references, columns = prepare(scene, found), to_columns(sph.initial_state(scene).systems, found)
+    place = integrate.place_boundaries
+
+    def noticed(scene, references, columns, time):
+        seen.append(place(scene, references, columns, time))
+        return seen[-1]
+
+    monkeypatch.setattr(integrate, "place_boundaries", noticed)
+    lists = rebuild(scene, found, positions_of(scene, columns, place(scene, references, columns, 0.0)))
+    after = integrator.step(scene, references, columns, lists, jnp.zeros(()), jnp.asarray(dt), forward_mode=True)
+    way = after["bar"]["displacement"] - columns["bar"]["displacement"]
+    assert len(seen) >= 2
+    for placed in seen:  # half way, for the density, and at the end, for the forces
+        np.testing.assert_allclose(placed["bar"][1], way / dt, rtol=1e-9, atol=1e-9)
+    assert np.abs(after["bar"]["velocity"] - way / dt).max() > 0.1, "which is another"
 
 
 def test_a_thin_light_plate_shortens_the_step_of_the_water():
