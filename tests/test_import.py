@@ -55,6 +55,7 @@ ORDER = [
     "trajectory",
     "files",
     "integrate",
+    "stepping",
     "error_control",
     "advance",
     "traced_run",
