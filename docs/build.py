@@ -178,9 +178,9 @@ def worst(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
             cases.setdefault(row["case"], []).append(row)
 
     def share(row):
-        if row["value"] is None:
+        if row["value"] is None or (row["limit"] == 0 and row["value"] > 0):
             return float("inf")
-        return row["value"] / row["limit"] if row["limit"] else float("inf") * row["value"] if row["value"] else 0.0
+        return row["value"] / row["limit"] if row["limit"] else 0.0
 
     return [
         dict(max(judged, key=share)) | {"kept": f"{sum(kept(row) == 'yes' for row in judged)} of {len(judged)}"}

@@ -54,15 +54,20 @@ def check_motion(system: Any, among=None) -> None:
     start: Any = system.motion(jnp.zeros((), positions.dtype), jnp.asarray(positions))
     if not is_concrete(start):
         return
-    if np.shape(start) != np.shape(positions):
-        raise ValueError(
-            f"motion of {system.name!r} returned the shape {np.shape(start)}; it must be {np.shape(positions)}"
-        )
+    check_shape_of_motion(system.name, start, positions)
     away = np.max(np.abs(np.asarray(start)[slice(None) if among is None else among]))
     if not away <= 1e-3 * system.particles.spacing:
         raise ValueError(
             f"{system.name}.motion displaces particles by {away:.4g} m at t = 0; it must start from zero: put the "
             "particles where they are at the start"
+        )
+
+
+def check_shape_of_motion(name: str, displacement, positions) -> None:
+    """Raise ValueError unless what a motion returned has the shape of the positions (N, d)."""
+    if np.shape(displacement) != np.shape(positions):
+        raise ValueError(
+            f"motion of {name!r} returned the shape {np.shape(displacement)}; it must be {np.shape(positions)}"
         )
 
 

@@ -58,12 +58,8 @@ def touching(scene, found: dict) -> Touching:
     numbers = np.concatenate([np.arange(n_solids), np.full(len(scene.walls), -1)])
     body = np.repeat(numbers, counts)
     everything, period = np.concatenate(places), None
-    if scene.domain is not None and any(scene.domain.periodic):  # a tree with periods wants positions from zero on
-        everything = everything - np.asarray(scene.domain.lower)
-        period = np.where(scene.domain.periodic, scene.domain.lengths, 0.0)
-        wrapped = np.mod(everything, np.where(period > 0, period, 1.0))
-        # what is left of zero by less than rounding comes out as the whole period
-        everything = np.where(period > 0, np.where(wrapped < period, wrapped, 0.0), everything)
+    if scene.domain is not None:
+        everything, period = scene.domain.for_tree(everything)
     reach = np.full(len(everything), np.inf)
     for number in np.unique(body):
         own = body == number

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxsph import surroundings
+from jaxsph.checks import check_shape_of_motion
 from jaxsph.contact import TOUCHING, bodies, contact_forces, touching
 from jaxsph.effects import BodyForce, Contact, Damping, KelvinVoigt, PenaltyForce
 from jaxsph.elastic_forces import elastic_acceleration
@@ -282,6 +283,5 @@ def prescribed(structure: Structure, ready: Reference, time):
     motion, positions = structure.motion, ready.positions.T
     assert motion is not None
     place, speed = jax.jvp(lambda t: motion(t, positions), (time,), (jnp.ones_like(time),))
-    if place.shape != positions.shape:
-        raise ValueError(f"motion of {structure.name!r} returned the shape {place.shape}; it must be {positions.shape}")
+    check_shape_of_motion(structure.name, place, positions)
     return place.T, speed.T

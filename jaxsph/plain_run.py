@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from contextlib import nullcontext
-from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -47,13 +46,12 @@ def _refuse_early(progress, out, state):
         _tqdm()
     if out is None:
         return
-    if not Path(out).absolute().parent.is_dir():
-        raise ValueError(f"{out}: directory {Path(out).absolute().parent} does not exist; create it first")
-    if int(state.step) > 0:
-        from jaxsph.files.restart import ends_with
+    from jaxsph.files.restart import ends_with  # h5py, for runs that are saved
+    from jaxsph.files.writer import check_place
 
-        if ends_with(out, state):
-            raise ValueError(f"{out}: holds the run that this one continues, and would be replaced; give another name")
+    check_place(out)
+    if int(state.step) > 0 and ends_with(out, state):
+        raise ValueError(f"{out}: holds the run that this one continues, and would be replaced; give another name")
 
 
 EVOLVED = ("position", "displacement", "remainder", "velocity", "density_deviation", "pressure")

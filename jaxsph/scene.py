@@ -91,7 +91,7 @@ class Scene:
         set_field("systems", tuple(_laws_in_precision(system, real) for system in systems))
         set_field("gravity", as_real(gravity, real))
         set_field("effects", tuple(_in_precision(effect, real) for effect in effects))
-        set_field("kernel", WendlandC2() if kernel is None else _in_precision(kernel, real))
+        set_field("kernel", WendlandC2() if kernel is None else kernel)
         set_field("smoothing_length", smoothing_length)
         set_field("density", _in_precision(density, real))
         set_field("domain", domain)
@@ -197,6 +197,7 @@ class Scene:
         checks.check_finite("gravity", scene.gravity, (scene.dimension,))
         if scene.smoothing_length is not None:
             checks.check_positive("smoothing_length", scene.smoothing_length, "m")
+        check_fluids(scene.fluids, scene.smoothing_length)
         for part in (*scene.effects, scene.density):
             if hasattr(part, "__post_init__"):
                 part.__post_init__()

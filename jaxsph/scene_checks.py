@@ -204,12 +204,9 @@ def _check_seam(scene) -> None:
     """That no two particles of a fluid are at one place because the period is shorter than the fluid."""
     from scipy.spatial import KDTree
 
-    domain = scene.domain
-    low, period = np.asarray(domain.lower), np.where(domain.periodic, domain.lengths, 0.0)
     for fluid in scene.fluids:
-        here = np.asarray(fluid.particles.positions, np.float64) - low
-        wrapped = np.where(period > 0, np.mod(here, np.where(period > 0, period, 1.0)), here)
-        wrapped = np.where((period > 0) & (wrapped >= period), 0.0, wrapped)  # rounded up
+        here = np.asarray(fluid.particles.positions, np.float64)
+        wrapped, period = scene.domain.for_tree(here)
         pairs = KDTree(wrapped, boxsize=period).query_pairs(OVERLAP * fluid.particles.spacing, output_type="ndarray")
         apart = np.linalg.norm(here[pairs[:, 0]] - here[pairs[:, 1]], axis=1) > 2 * OVERLAP * fluid.particles.spacing
         if apart.any():

@@ -76,7 +76,7 @@ class Steps:
         lists, _ = lists_of(self.scene, self.references, columns, self.found, self.time_of(first))
         assert lists is not None  # this is for scenes in which systems meet
         columns = self.filtered_when_due(columns, lists, first)
-        step = self.checkpointed(lambda columns, number, lists: self.one(columns, number, lists))
+        step = self.checkpointed(self.one)
         columns = repeated(lambda columns, number: step(columns, first + number, lists), columns, self.rebuild_every)
         last = first + self.rebuild_every
         places, _ = self.positions(columns, last)

@@ -197,10 +197,7 @@ class Wall(System):
 
         def place(t):
             displacement = motion(t, positions.T)
-            if displacement.shape != positions.T.shape:
-                raise ValueError(
-                    f"motion of {self.name!r} returned the shape {displacement.shape}; it must be {positions.T.shape}"
-                )
+            checks.check_shape_of_motion(self.name, displacement, positions.T)
             return positions + displacement.T
 
         def place_and_speed(t):

@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxsph.checks import check_at_least, check_positive
-from jaxsph.effects.tensile_control import smooth_rise
+from jaxsph.effects.tensile_control import NEAR_SURFACE, smooth_rise
 from jaxsph.pair_sum import dot
 from jaxsph.pytree import pytree_dataclass, static
 
@@ -41,10 +41,6 @@ class Shifting(ABC):
         """dv . grad of a field, times the volume of a, from its difference between b and a; symmetric."""
         along = dot(a["shift"] + b["shift"], pair.gradient)
         return 0.5 * a["volume"] * b["volume"] * along * difference
-
-
-NEAR_SURFACE = (0.75, 0.95)
-"""The cover below which particles do not move along the normal of the surface, and that from which they do."""
 
 
 @pytree_dataclass

@@ -9,6 +9,9 @@ import jax.numpy as jnp
 from jaxsph.effects.flow_effect import FlowEffect
 from jaxsph.pytree import pytree_dataclass
 
+NEAR_SURFACE = (0.75, 0.95)
+"""The cover below which a particle is at a free surface, and that from which it is inside; between them it is both."""
+
 
 @pytree_dataclass
 class TensileControl(FlowEffect):
@@ -25,7 +28,7 @@ class TensileControl(FlowEffect):
 
     def force(self, a, b, pair):
         """[N]."""
-        inside = smooth_rise(a["cover"], 0.75, 0.95)
+        inside = smooth_rise(a["cover"], *NEAR_SURFACE)
         missing = jnp.where(a["pressure"] < 0, -2.0 * a["pressure"], 0.0)
         return -a["volume"] * b["volume"] * inside * missing * pair.gradient
 

@@ -20,14 +20,13 @@ class Places:
         self.volumes = np.concatenate([np.asarray(s.particles.volumes, float) for s in systems])
         d = self.positions.shape[1]
         self.periodic = np.zeros(d, bool) if domain is None else np.broadcast_to(domain.periodic, d)
-        self.lower = np.zeros(d) if domain is None else np.asarray(domain.lower)
-        self.size = np.where(self.periodic, 0 if domain is None else np.subtract(domain.upper, domain.lower), 0.0)
-        self.tree = KDTree(self.wrapped(self.positions), boxsize=self.size if self.periodic.any() else None)
+        self.domain, self.size = domain, np.zeros(d) if domain is None else np.asarray(domain.lengths)
+        period = None if domain is None else domain.for_tree(self.positions)[1]
+        self.tree = KDTree(self.wrapped(self.positions), boxsize=period)
 
     def wrapped(self, points):
-        """Points (N, d) inside the periods."""
-        size = np.where(self.periodic, self.size, 1.0)
-        return np.where(self.periodic, (points - self.lower) % size, points)
+        """Points (N, d) as the tree has them, inside the periods."""
+        return points if self.domain is None else self.domain.for_tree(points)[0]
 
     def offsets(self, points, indices):
         """From points (M, d) to particles with indices (M, K), the nearest images, (M, K, d)."""

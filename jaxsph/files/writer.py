@@ -24,6 +24,15 @@ _HDF5_LAYOUT = ("earliest", "v108")
 _FIRST_ROOM = 16
 
 
+def check_place(path: str | os.PathLike[str]) -> None:
+    """Raise ValueError unless a file can be made at a path: its directory exists, and it is none itself."""
+    parent = Path(path).absolute().parent
+    if not parent.is_dir():
+        raise ValueError(f"{path}: directory {parent} does not exist; create it first")
+    if Path(path).is_dir():
+        raise ValueError(f"{path}: is a directory; give the name of a file in it, such as run.vtkhdf")
+
+
 class TrajectoryWriter:
     """Writes saves of a run to one HDF5 file that ParaView opens (VTKHDF PolyData with time steps).
 
@@ -62,10 +71,7 @@ class TrajectoryWriter:
         saves: int | None = None,
     ) -> None:
         self.path = Path(path)
-        if not self.path.absolute().parent.is_dir():
-            raise ValueError(f"{path}: directory {self.path.absolute().parent} does not exist; create it first")
-        if self.path.is_dir():
-            raise ValueError(f"{path}: is a directory; give the name of a file in it, such as run.vtkhdf")
+        check_place(path)
         if saves is not None and saves < 1:
             raise ValueError(f"saves is {saves}, expected at least 1, or None when the number is not known")
         self._dtype = None if dtype is None else np.dtype(dtype)

@@ -107,6 +107,17 @@ class Domain:
                 rows[axis] = rows[axis] - length * jnp.floor((rows[axis] - low) / length)
         return jnp.stack(rows)
 
+    def for_tree(self, positions) -> tuple[np.ndarray, np.ndarray | None]:
+        """Positions (N, d) [m] as SciPy's `KDTree` wants them, and its boxsize; of NumPy, in float64.
+
+        Along periodic axes they are counted from the lower bound, within one period; without any the boxsize is None.
+        """
+        positions, period = np.asarray(positions, np.float64), np.where(self.periodic, self.lengths, 0.0)
+        wrapped = np.mod(positions - np.asarray(self.lower), np.where(period > 0, period, 1.0))
+        # what is left of zero by less than rounding comes out as the whole period
+        wrapped = np.where(wrapped < period, wrapped, 0.0)
+        return np.where(period > 0, wrapped, positions), period if any(self.periodic) else None
+
     def contains(self, positions: Array | np.ndarray) -> Array | np.ndarray:
         """Whether each particle is where the search can find it; False for NaN.
 

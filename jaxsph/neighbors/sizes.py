@@ -13,14 +13,8 @@ def most_neighbors(grid: CellGrid, receivers, senders=None) -> int:
     """Most senders within reach of a receiver; both (d, N) [m] within the domain; senders None is the same set."""
     from scipy.spatial import KDTree  # .8 s to import
 
-    domain, low = grid.domain, np.asarray(grid.domain.lower)
-    period = np.where(domain.periodic, domain.lengths, 0.0)
-
-    def placed(positions):
-        return (_wrapped(grid, positions) - low[:, None]).T
-
-    own = placed(receivers)
-    tree = KDTree(own if senders is None else placed(senders), boxsize=period if any(domain.periodic) else None)
+    own, period = grid.domain.for_tree(receivers.T)
+    tree = KDTree(own if senders is None else grid.domain.for_tree(senders.T)[0], boxsize=period)
     count = tree.query_ball_point(own, grid.reach * (1 + ROUNDING), return_length=True, workers=-1)
     return int(np.max(count)) - (senders is None)
 
