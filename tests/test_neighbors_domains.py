@@ -115,3 +115,14 @@ def test_what_is_at_the_end_of_the_box_is_in_its_last_cells(kind):
     neighbors = search.update(jnp.asarray(walls), search.template(walls))
     raise_if_wrong(neighbors)
     assert int(neighbors.needed_range[0]) == neighbors.capacity.range, "counted for the sizes as in the search"
+
+
+def test_positions_for_a_tree_are_within_one_period():
+    """Also what is left of the lower bound by less than rounding, whose remainder comes out as the whole period."""
+    domain = Domain((-0.5, 0), (0.5, 1), (True, False))
+    points, period = domain.for_tree(np.array([[-0.5 - 1e-20, -3.0], [0.5, 2.0], [-0.6, 0.0], [2.25, 0.5]]))
+    tiny, _ = Domain((0, 0), (1, 1), (True, True)).for_tree(np.array([[-1e-20, 0.3]]))
+    np.testing.assert_array_equal(tiny, [[0.0, 0.3]])
+    np.testing.assert_array_equal(period, [1.0, 0.0])
+    np.testing.assert_allclose(points, [[0, -3], [0, 2], [0.9, 0], [0.75, 0.5]], atol=1e-15)
+    assert Domain((0, 0), (1, 1)).for_tree(np.zeros((1, 2)))[1] is None

@@ -37,6 +37,15 @@ def test_energies_and_momenta_of_a_fluid():
         observe.angular_momentum(taylor_green(8), sph.initial_state(taylor_green(8)))
 
 
+def test_a_pressure_that_evolves_by_itself_stores_energy():
+    """Of sound: p^2 / (2 rho^2 c^2) per mass, 1/2 (.5 / (2 x 10))^2 in 2 kg/m^3 of a unit square."""
+    water = sph.Fluid("water", sph.box((0, 0), (1, 1), 0.1), 2.0, 10.0, pressure=lambda x: 0.5 + 0 * x[:, 0])
+    scene = sph.Scene(water, density=sph.EDAC(free_surface=True))
+    # the mass is that of the density at this pressure, .5 / 10^2 more
+    expected = (2.0 + 0.005) * 0.5 * (0.5 / 20.0) ** 2
+    assert observe.energies(scene, sph.initial_state(scene))["internal"] == pytest.approx(expected, rel=1e-13)
+
+
 def drop():
     """A free elliptic drop without viscosity or effects: nothing is lost."""
     ball = sph.ball((0.0, 0.0), 0.5, 0.1)
