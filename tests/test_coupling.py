@@ -153,8 +153,9 @@ def test_water_meets_a_structure_with_the_velocity_of_its_whole_step(monkeypatch
     way = after["bar"]["displacement"] - columns["bar"]["displacement"]
     assert len(seen) >= 2
     for placed in seen:  # half way, for the density, and at the end, for the forces
+        # sums of some ten increments, rounded to 1e-16 of the displacement and divided by 1e-3 s
         np.testing.assert_allclose(placed["bar"][1], way / dt, rtol=1e-9, atol=1e-9)
-    assert np.abs(after["bar"]["velocity"] - way / dt).max() > 0.1, "which is another"
+    assert np.abs(after["bar"]["velocity"] - way / dt).max() > 0.1, "a tenth of the kick: it is another"
 
 
 def test_a_thin_light_plate_shortens_the_step_of_the_water():

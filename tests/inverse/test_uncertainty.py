@@ -164,20 +164,19 @@ def test_fewer_data_than_unknowns():
     assert fit.verdict == "not identifiable"
 
 
-def two_sensors(seed, noise=(0.02, 0.5), unit=1.0, given=False, silent=0.0):
-    """a + b t by two sensors of unlike noise, the second in another unit."""
+def two_sensors(seed, noise=(0.02, 0.5), given=False, silent=0.0):
+    """a + b t by two sensors of unlike noise."""
     rng = np.random.default_rng(seed)
-    clean = 2.0 + 3.0 * TIMES[:, None] * np.array([1.0, unit]) + 2.0 * np.array([0.0, unit - 1.0])
-    values = clean + rng.standard_normal((len(TIMES), 2)) * np.asarray(noise) * [1.0, unit]
+    values = 2.0 + 3.0 * TIMES[:, None] + rng.standard_normal((len(TIMES), 2)) * np.asarray(noise)
     if silent:  # a third one, which tells nothing of either
         values = np.concatenate([values, silent * np.sin(40 * TIMES)[:, None]], axis=1)
-    deviations = np.broadcast_to([*(np.asarray(noise) * [1.0, unit]), 1e-3 * silent][: values.shape[1]], values.shape)
+    deviations = np.broadcast_to([*noise, 1e-3 * silent][: values.shape[1]], values.shape)
     data = inverse.Observations(TIMES, values, deviations.copy() if given else None)
     time, wave = jnp.asarray(TIMES)[:, None], jnp.asarray(silent * np.sin(40 * TIMES))[:, None]
 
     def simulate(scene, times, mode):
         line = scene["a"] + scene["b"] * time
-        return jnp.concatenate([line, unit * line, wave] if silent else [line, unit * line], axis=1)
+        return jnp.concatenate([line, line, wave] if silent else [line, line], axis=1)
 
     unknown = {"a": inverse.linear(-10, 10, start=5.0), "b": inverse.linear(-10, 10, start=-5.0)}
     return inverse.Problem({}, lambda run: run, data, unknown, simulate=simulate, replace=lambda scene, values: values)
@@ -189,7 +188,7 @@ def test_sensors_of_unlike_noise_have_honest_errors_also_where_it_is_not_stated(
         fit = inverse.fit(two_sensors(seed))
         scores.append((fit.vector - [2.0, 3.0]) / statistics(fit).standard_error)
         messages.append(str(fit))
-    # 60 runs: the rms of standardized errors scatters by 1 / sqrt(120) = 9 %; with one s for both it is 1.4
+    # 60 runs: the rms of standardized errors scatters by 1 / sqrt(120) = 9 %, twice that; with one s for both it is 1.4
     assert np.sqrt(np.mean(np.square(scores), axis=0)) == pytest.approx(1.0, abs=0.2)
     assert all("all columns weigh alike" in text for text in messages)
     assert "weigh alike" not in str(inverse.fit(two_sensors(0, given=True)))
@@ -199,14 +198,14 @@ def test_sensors_of_unlike_noise_have_honest_errors_also_where_it_is_not_stated(
 def test_one_sigma_for_every_column_is_the_usual_error_where_noise_is_alike():
     u = statistics(inverse.fit(two_sensors(1, noise=(0.1, 0.1))))
     pooled = np.sqrt(np.diag(exact_covariance(0.1)) / 2)
-    # a standard deviation from 41 numbers scatters by 11 %
+    # a standard deviation from 41 numbers scatters by 11 %: three of those
     np.testing.assert_allclose(u.standard_error, pooled, rtol=0.35)
 
 
 def test_a_sensor_that_tells_nothing_does_not_change_the_verdict():
     """One percent of its own amplitude is what a sensor is trusted to, not of the largest among all."""
     small, large = (statistics(inverse.fit(two_sensors(0, given=True, silent=size))) for size in (1.0, 1e4))
-    # chi-square, which scales both, differs by the third sensor's
+    # the third sensor has no residual: the same numbers but for rounding, beside 1e4 squared
     np.testing.assert_allclose(large.verdict_error, small.verdict_error, rtol=1e-6)
 
 
